@@ -1,0 +1,72 @@
+# `make run` sets everything up in .venv and inserts a peg; `make test` sets up the tests and runs them.
+# What can be set on the command line:
+#   PYTHON       the interpreter to build .venv with (3.11 or newer):  make run PYTHON=python3.12
+#   TORCH        the PyTorch to install, as pip names it:              make run TORCH=torch
+#   TORCH_INDEX  the package index to take PyTorch from, such as PyTorch's own index of CPU builds; pip's default if empty
+
+PYTHON ?= python3
+TORCH ?= $(shell grep '^torch==' constraints.txt)
+TORCH_INDEX ?=
+
+BIN := .venv/bin
+PIP := $(BIN)/python -m pip --disable-pip-version-check
+BUNDLE := plugins/precision_interaction
+
+.DEFAULT_GOAL := help
+.PHONY: help run train test check docs clean python
+
+help: ## list the targets
+	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "make %-7s%s\n", $$1, $$2}' Makefile
+
+run: .venv/.installed ## set up, then insert a peg with the spiking brain and save a recording
+	$(BIN)/neurorobo run examples/peg_in_hole.yaml
+
+train: .venv/.installed ## train the three brain regions from scratch (up to an hour; stop and go on at will)
+	$(BIN)/neurorobo train examples/peg_in_hole.yaml
+
+test: .venv/.installed-dev ## set up, then run the tests
+	$(BIN)/pytest
+
+check: .venv/.installed-dev ## lint, types, layers, schema, examples and documentation
+	$(BIN)/ruff check
+	$(BIN)/ruff format --check
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+	$(BIN)/neurorobo schema --check docs/schema/experiment.schema.json
+	$(BIN)/neurorobo validate examples/*.yaml
+	$(BIN)/sphinx-build --fail-on-warning --keep-going --quiet docs build/docs
+
+docs: .venv/.installed-dev ## build the documentation into build/docs
+	$(BIN)/sphinx-build --fail-on-warning --keep-going docs build/docs
+	@echo "open build/docs/index.html"
+
+clean: ## remove all that make has made, .venv included; runs are kept
+	rm -rf .venv build *.egg-info $(BUNDLE)/*.egg-info $(BUNDLE)/build
+	rm -rf .hypothesis .import_linter_cache .mypy_cache .pytest_cache .ruff_cache
+
+python:
+	@command -v $(PYTHON) >/dev/null || { \
+	  echo "There is no '$(PYTHON)' on this machine. Install Python 3.11 or newer, or name it with PYTHON=/path/to/python3"; exit 1; }
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \
+	  echo "neurorobo needs Python 3.11 or newer, and '$(PYTHON)' is $$($(PYTHON) -V). Name a newer one with PYTHON=python3.11"; exit 1; }
+	@$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || { \
+	  echo "'$(PYTHON)' lacks the modules venv and ensurepip. On Debian and Ubuntu: apt install python3-venv"; exit 1; }
+
+# PyTorch comes first and alone, so that nothing else can choose another build of it. Afterwards the version found is pinned.
+.venv/.torch: constraints.txt | python
+	$(PYTHON) -m venv .venv
+	$(PIP) install --no-deps $(if $(TORCH_INDEX),--index-url $(TORCH_INDEX)) '$(TORCH)'
+	@$(BIN)/python -c 'import importlib.util, runpy; \
+	  build = runpy.run_path(importlib.util.find_spec("torch").origin.replace("__init__.py", "version.py")); \
+	  print("PyTorch", build["__version__"], "with CUDA " + build["cuda"] if build["cuda"] else "without CUDA")'
+	@{ grep -v '^torch==' constraints.txt; \
+	  $(BIN)/python -c 'from importlib.metadata import version; print("torch==" + version("torch"))'; } > .venv/constraints.txt
+	@touch $@
+
+.venv/.installed: .venv/.torch pyproject.toml $(BUNDLE)/pyproject.toml
+	$(PIP) install -c .venv/constraints.txt -e . -e $(BUNDLE)
+	@touch $@
+
+.venv/.installed-dev: .venv/.installed
+	$(PIP) install -c .venv/constraints.txt -e '.[dev]'
+	@touch $@

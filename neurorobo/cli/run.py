@@ -1,0 +1,46 @@
+"""The run command: episodes of an experiment, recorded in a run folder."""
+
+import json
+from pathlib import Path
+
+import click
+
+from neurorobo.cli.options import file_argument, json_option, out_option, overrides_option, quiet, seed_option
+
+
+@click.command()
+@file_argument
+@overrides_option
+@seed_option
+@click.option("--episodes", default=1, show_default=True, type=click.IntRange(1), help="How many episodes, with consecutive seeds.")
+@out_option
+@json_option
+@click.pass_context
+def run(
+    context: click.Context, file: Path, overrides: tuple[str, ...], seed: int | None, episodes: int, out: Path | None, as_json: bool
+) -> None:
+    """Run the experiment FILE and write a run folder."""
+    from neurorobo.cli.main import EPISODE_FAILED
+    from neurorobo.config.experiment import load_experiment
+    from neurorobo.experiment.run import run_experiment
+    from neurorobo.plugins import Registry
+
+    registry = Registry.discover()
+    experiment = load_experiment(file, overrides, registry)
+    first = experiment.seed if seed is None else seed
+    finished = run_experiment(experiment, registry, range(first, first + episodes), out, quiet=quiet())
+    if as_json:
+        click.echo(json.dumps({"folder": str(finished.folder.path), **finished.summary}, indent=2))
+    else:
+        from rich.console import Console
+
+        from neurorobo.views.tables import summary_table
+
+        Console().print(summary_table(experiment.name, finished.summary))
+        click.echo(f"run folder  {finished.folder.path}")
+        for path in finished.files:
+            click.echo(f"{path.stem:11} {path}")
+        if any(path.suffix == ".rrd" for path in finished.files):
+            click.echo(f"look at it  neurorobo view {finished.folder.path}")
+    if any(episode.get("success", 1.0) < 1.0 for episode in finished.summary["episodes"]):
+        context.exit(EPISODE_FAILED)

@@ -1,0 +1,8 @@
+"""Codes between physical quantities and windows of spikes."""
+
+from neurorobo.codes.coarse_fine import CoarseFine
+from neurorobo.codes.code import Code
+from neurorobo.codes.first_spike import TimeToFirstSpike
+from neurorobo.codes.rate import CountCode, Poisson, PopulationUniform
+
+__all__ = ["CoarseFine", "Code", "CountCode", "Poisson", "PopulationUniform", "TimeToFirstSpike"]

@@ -1,0 +1,59 @@
+"""The same quantity in two codes side by side: the whole range coarsely, the part that matters finely."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from neurorobo.codes.code import Code
+
+if TYPE_CHECKING:
+    import torch
+    from torch import Tensor
+
+
+@dataclass(frozen=True)
+class CoarseFine(Code):
+    """A coarse code over ``coarse.lo..coarse.hi`` beside a fine one over a part of it.
+
+    Decodes to the fine code's value unless that one is at the end of its range. Build it with :meth:`of`.
+    """
+
+    coarse: Code
+    fine: Code
+
+    @classmethod
+    def of(cls, coarse: Code, fine: Code) -> "CoarseFine":
+        """Join two codes; the fine range must lie within the coarse one."""
+        if not coarse.lo <= fine.lo < fine.hi <= coarse.hi:
+            raise ValueError(f"the fine range {fine.lo}..{fine.hi} must lie within the coarse {coarse.lo}..{coarse.hi}")
+        return cls(coarse.neurons + fine.neurons, coarse.lo, coarse.hi, coarse, fine)
+
+    @property
+    def stochastic(self) -> bool:
+        """Whether either part draws its spikes."""
+        return self.coarse.stochastic or self.fine.stochastic
+
+    def resolution(self, steps: int) -> float:
+        """Return the coarse resolution, which holds everywhere."""
+        return self.coarse.resolution(steps)
+
+    def encode(self, values: "Tensor", steps: int, generator: "torch.Generator | None" = None) -> "Tensor":
+        """Return the spikes of ``values``: per component the coarse neurons, then the fine ones."""
+        import torch
+
+        parts = [
+            code.encode(values, steps, generator).unflatten(-1, (-1, code.neurons)) for code in (self.coarse, self.fine)
+        ]
+        return torch.cat(parts, dim=-1).flatten(2)
+
+    def decode(self, spikes: "Tensor") -> "Tensor":
+        """Read the fine code where it is inside its range, else the coarse one."""
+        import torch
+
+        steps = len(spikes)
+        per_component = spikes.unflatten(-1, (-1, self.neurons))
+        coarse = self.coarse.decode(per_component[..., : self.coarse.neurons].flatten(2))
+        fine = self.fine.decode(per_component[..., self.coarse.neurons :].flatten(2))
+        margin = self.coarse.resolution(steps)
+        inside = (coarse >= self.fine.lo - margin) & (coarse <= self.fine.hi + margin)
+        at_the_end = (fine >= self.fine.hi) | (fine <= self.fine.lo)
+        return torch.where(inside & ~at_the_end, fine, coarse)

@@ -1,0 +1,54 @@
+"""What every code is: a named, invertible map between a physical quantity and a window of spikes."""
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import torch
+    from torch import Tensor
+
+
+@dataclass(frozen=True)
+class Code(ABC):
+    """A map between values in ``lo..hi`` (in the unit of the port that carries the code) and spikes of ``neurons`` neurons.
+
+    Each component of a quantity has neurons of its own: values (batch, width) become spikes (steps, batch, width * neurons),
+    0 or 1. Values out of range saturate, never wrap; :meth:`saturated` tells which ones did.
+    """
+
+    neurons: int
+    lo: float
+    hi: float
+
+    def __post_init__(self) -> None:
+        """Refuse an empty population and an empty range."""
+        if self.neurons < 1:
+            raise ValueError(f"a code needs at least one neuron, got {self.neurons}")
+        if not self.lo < self.hi:
+            raise ValueError(f"a code needs a range with lo < hi, got {self.lo}..{self.hi}")
+
+    @abstractmethod
+    def resolution(self, steps: int) -> float:
+        """Return the difference between neighbouring values that a window of ``steps`` can tell apart."""
+
+    @abstractmethod
+    def encode(self, values: "Tensor", steps: int, generator: "torch.Generator | None" = None) -> "Tensor":
+        """Return the spikes (steps, batch, width * neurons) of ``values`` (batch, width)."""
+
+    @abstractmethod
+    def decode(self, spikes: "Tensor") -> "Tensor":
+        """Return the values (batch, width) of ``spikes`` (steps, batch, width * neurons), differentiable where the code allows."""
+
+    @property
+    def stochastic(self) -> bool:
+        """Whether :meth:`encode` draws from its generator."""
+        return False
+
+    def saturated(self, values: "Tensor") -> "Tensor":
+        """Return which ``values`` lie outside the range, as booleans of their shape."""
+        return (values < self.lo) | (values > self.hi)
+
+    def fraction(self, values: "Tensor") -> "Tensor":
+        """Return where ``values`` lie in the range, clipped to 0..1."""
+        return ((values - self.lo) / (self.hi - self.lo)).clamp(0, 1)

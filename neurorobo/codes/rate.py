@@ -1,0 +1,71 @@
+"""Codes that count spikes: population uniform and Poisson."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from neurorobo.codes.code import Code
+
+if TYPE_CHECKING:
+    import torch
+    from torch import Tensor
+
+
+@dataclass(frozen=True)
+class CountCode(Code):
+    """A code whose value is the spike count: ``lo + count * resolution``, with ``resolution = (hi - lo) / (neurons * steps)``.
+
+    Source of the decoder: rate decoding, Sec. IV-A of Xing et al.
+    """
+
+    def resolution(self, steps: int) -> float:
+        """Return the value of one spike."""
+        return (self.hi - self.lo) / (self.neurons * steps)
+
+    def decode(self, spikes: "Tensor") -> "Tensor":
+        """Count the spikes of each component; differentiable."""
+        steps, batch, _ = spikes.shape
+        counts = spikes.sum(0).view(batch, -1, self.neurons).sum(-1)
+        return self.lo + counts * self.resolution(steps)
+
+
+@dataclass(frozen=True)
+class PopulationUniform(CountCode):
+    """The nearest number of spikes, spread evenly over neurons and steps.
+
+    A value becomes ``k = round((value - lo) / resolution)`` spikes; every neuron fires at ``k / neurons`` of the steps, at even
+    intervals, the neurons out of phase with one another. Encoding and decoding again is off by at most half a resolution.
+    Source: population uniform encoding, Sec. IV-A of Xing et al.
+    """
+
+    def encode(self, values: "Tensor", steps: int, generator: "torch.Generator | None" = None) -> "Tensor":
+        """Return the spikes of ``values``; deterministic."""
+        import torch
+
+        slots = self.neurons * steps
+        count = (self.fraction(values) * slots).round().long().unsqueeze(-1)
+        filled = torch.arange(slots + 1, device=values.device) * count // slots
+        spikes = filled.diff(dim=-1).view(len(values), -1, steps)
+        return spikes.permute(2, 0, 1).to(values.dtype)
+
+
+@dataclass(frozen=True)
+class Poisson(CountCode):
+    """Independent spikes with the probability of the value's place in the range.
+
+    The decoded value is unbiased; its variance is ``neurons * steps * p * (1 - p) * resolution**2``.
+    """
+
+    @property
+    def stochastic(self) -> bool:
+        """A Poisson code draws every spike."""
+        return True
+
+    def encode(self, values: "Tensor", steps: int, generator: "torch.Generator | None" = None) -> "Tensor":
+        """Draw the spikes of ``values`` from ``generator``, which must be given."""
+        import torch
+
+        if generator is None:
+            raise ValueError("a Poisson code needs a random generator")
+        probability = self.fraction(values).repeat_interleave(self.neurons, dim=1)
+        uniform = torch.rand((steps, *probability.shape), generator=generator, dtype=values.dtype)
+        return (uniform < probability).to(values.dtype)

@@ -1,0 +1,217 @@
+"""A YAML 1.2 document that remembers where each of its values stands."""
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import yaml
+from yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
+
+from neurorobo.errors import ConfigError, Fault
+
+MOST_VALUES = 100_000
+"""The most values of a document, each use of an anchor counted; it stops anchors that multiply one another."""
+
+DocumentPath = tuple[str | int, ...]
+Mark = tuple[int, int]
+
+
+@dataclass(frozen=True)
+class Document:
+    """The content of a file, and where it comes from: lines and columns count from 1, overrides win over the file."""
+
+    source: str
+    text: str = field(repr=False)
+    value: Any
+    marks: dict[DocumentPath, Mark] = field(repr=False)
+    overrides: tuple[tuple[DocumentPath, str], ...] = ()
+
+    def mark(self, path: DocumentPath) -> Mark:
+        """Return line and column of the key or list item at ``path``, or of the nearest one above it that exists."""
+        while path not in self.marks:
+            path = path[:-1]
+        return self.marks[path]
+
+    def place(self, path: DocumentPath) -> str:
+        """Return ``file:line:column``, or the override that set the value at ``path``."""
+        index = self._override(path)
+        if index is not None:
+            return f"--set {self.overrides[index][1]}"
+        line, column = self.mark(path)
+        return f"{self.source}:{line}:{column}"
+
+    def order(self, path: DocumentPath) -> tuple[int, int, int]:
+        """Return a key that sorts faults by their place, the overrides' last."""
+        index = self._override(path)
+        return (0, *self.mark(path)) if index is None else (1, index, 0)
+
+    def overridden(self, value: Any, path: DocumentPath, text: str) -> "Document":
+        """Return the document with a new value, of which ``text`` (``a.b=c``) has set what lies at ``path``."""
+        return replace(self, value=value, overrides=(*self.overrides, (path, text)))
+
+    def _override(self, path: DocumentPath) -> int | None:
+        places = [index for index, (place, _) in enumerate(self.overrides) if path[: len(place)] == place]
+        return places[-1] if places else None
+
+
+def load_document(path: str | Path) -> Document:
+    """Read a YAML file; a ConfigError if it cannot be read, is not UTF-8, not YAML, empty or not a mapping."""
+    source = str(path)
+    try:
+        text = Path(path).read_bytes().decode("utf-8-sig")
+    except FileNotFoundError:
+        raise _error(source, None, "there is no such file") from None
+    except OSError as error:
+        raise _error(source, None, f"cannot be read: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise _error(source, None, f"is not a text file in UTF-8: its byte {error.start} is no part of one") from None
+    return parse_document(text, source)
+
+
+def parse_document(text: str, source: str) -> Document:
+    """Read a YAML mapping; ``source`` is its name in messages."""
+    node = _compose(text, source)
+    if node is None:
+        raise _error(source, None, "is empty; an experiment starts with 'neurorobo: 1'")
+    if not isinstance(node, MappingNode):
+        wrong = "list" if isinstance(node, SequenceNode) else "single value"
+        raise _error(source, node, f"is a {wrong}, not a mapping; an experiment starts with 'neurorobo: 1'")
+    reader = _Reader(source)
+    value = reader.read(node)
+    return Document(source, text, value, reader.marks)
+
+
+def parse_value(text: str, source: str) -> Any:
+    """Read a YAML value of any kind; nothing at all is null."""
+    node = _compose(text, source)
+    return None if node is None else _Reader(source).read(node)
+
+
+def dump(value: Any) -> str:
+    """Return plain values as YAML that reads back to the same, keys in their order."""
+    text: str = yaml.dump(value, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=120)
+    return text
+
+
+class _Loader(yaml.BaseLoader):
+    """Resolves plain scalars as YAML 1.2 does: `1e-3` is a number, `on` and `no` are text, `010` is ten."""
+
+
+class _Dumper(yaml.SafeDumper):
+    """Quotes every text that either version of YAML would take for something else."""
+
+
+for _tag, _pattern in {
+    "null": r"~|null|Null|NULL|",
+    "bool": r"true|True|TRUE|false|False|FALSE",
+    "int": r"[-+]?[0-9]+|0o[0-7]+|0x[0-9a-fA-F]+",
+    "float": r"[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?|[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)",
+}.items():
+    for _class in (_Loader, _Dumper):
+        _class.add_implicit_resolver(f"tag:yaml.org,2002:{_tag}", re.compile(rf"^(?:{_pattern})$"), None)
+
+
+def _scalar(node: ScalarNode) -> str | int | float | bool | None:
+    text: str = node.value
+    match node.tag.removeprefix("tag:yaml.org,2002:"):
+        case "str":
+            return text
+        case "null":
+            return None
+        case "bool":
+            return text.lower() == "true"
+        case "int":
+            return int(text, {"0o": 8, "0x": 16}.get(text[:2], 10))
+        case "float":
+            return float(text.lower().replace(".inf", "inf").replace(".nan", "nan"))
+        case _:
+            raise ValueError(f"the tag '{node.tag}' is not allowed")
+
+
+@dataclass
+class _Reader:
+    """Turns nodes into plain values that share nothing, noting the mark of each."""
+
+    source: str
+    marks: dict[DocumentPath, Mark] = field(default_factory=lambda: {(): (1, 1)})
+    faults: list[Fault] = field(default_factory=list)
+    lines: list[str] = field(default_factory=list)
+    values: int = 0
+
+    def read(self, node: Node) -> Any:
+        """Return the value of the root; a ConfigError with every fault in it."""
+        try:
+            value = self._value(node, ())
+        except RecursionError:
+            raise _error(self.source, None, "is nested too deeply, or an anchor contains itself") from None
+        if self.faults:
+            raise ConfigError(self.faults, self.lines)
+        return value
+
+    def _value(self, node: Node, path: DocumentPath) -> Any:
+        self.values += 1
+        if self.values > MOST_VALUES:
+            raise _error(self.source, node, f"holds more than {MOST_VALUES} values, each use of an anchor counted")
+        if isinstance(node, MappingNode):
+            return {key: self._value(child, (*path, key)) for key, child in self._items(node, path)}
+        if isinstance(node, SequenceNode):
+            for index, child in enumerate(node.value):
+                self.marks[*path, index] = _mark(child)
+            return [self._value(child, (*path, index)) for index, child in enumerate(node.value)]
+        assert isinstance(node, ScalarNode)
+        try:
+            return _scalar(node)
+        except ValueError as error:
+            self._fault(node, path, str(error))
+            return None
+
+    def _items(self, node: MappingNode, path: DocumentPath) -> Iterator[tuple[str, Node]]:
+        first: dict[str, Node] = {}
+        for key_node, child in node.value:
+            key = _scalar(key_node) if isinstance(key_node, ScalarNode) else None
+            if not isinstance(key, str):
+                shown = key_node.value if isinstance(key_node, ScalarNode) else "a list or mapping"
+                self._fault(key_node, path, f"a key must be text (got {shown}); put it in quotes")
+            elif key == "<<":
+                self._fault(key_node, path, "YAML 1.2 has no merge key '<<'; write the keys out")
+            elif key in first:
+                line, _ = _mark(first[key])
+                self._fault(key_node, (*path, key), f"duplicate key `{key}` (first at line {line}); remove one of them")
+            else:
+                first[key] = key_node
+                self.marks[*path, key] = _mark(key_node)
+                yield key, child
+
+    def _fault(self, node: Node, path: DocumentPath, message: str) -> None:
+        fault = Fault(path, message)
+        line, column = _mark(node)
+        self.faults.append(fault)
+        self.lines.append(f"{self.source}:{line}:{column}: {fault}")
+
+
+def _compose(text: str, source: str) -> Node | None:
+    try:
+        return yaml.compose(text, _Loader)
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        place = f"{source}:{mark.line + 1}:{mark.column + 1}" if mark else source
+        context = f" {error.context}" if error.context else ""
+        message = f"is not valid YAML: {error.problem}{context}"
+    except yaml.reader.ReaderError as error:
+        line = text.count("\n", 0, error.position) + 1
+        place = f"{source}:{line}:{error.position - text.rfind(chr(10), 0, error.position)}"
+        message = f"is not valid YAML: the character {chr(error.character)!r} is not allowed"
+    except RecursionError:
+        place, message = source, "is nested too deeply"
+    raise ConfigError([Fault((), message)], [f"{place}: {message}"]) from None
+
+
+def _mark(node: Node) -> Mark:
+    return node.start_mark.line + 1, node.start_mark.column + 1
+
+
+def _error(source: str, node: Node | None, message: str) -> ConfigError:
+    line, column = (1, 1) if node is None else _mark(node)
+    return ConfigError([Fault((), message)], [f"{source}:{line}:{column}: {message}"])

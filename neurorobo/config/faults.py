@@ -1,0 +1,167 @@
+"""Plain faults and their places: ``peg.yaml:7:5: regions.cortex.size: must be greater than 0 (got -3)``."""
+
+import re
+import types
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Annotated, Any, Union, get_args, get_origin
+
+from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails, InitErrorDetails, PydanticCustomError
+
+from neurorobo.config.document import Document, DocumentPath
+from neurorobo.errors import ConfigError, Fault, did_you_mean
+from neurorobo.units import UnitError
+
+_READY = "neurorobo"
+"""The pydantic error type of a message that needs no more translation."""
+
+_MESSAGES = {
+    "missing": "is missing",
+    "model_type": "must be a mapping",
+    "model_attributes_type": "must be a mapping",
+    "dict_type": "must be a mapping",
+    "list_type": "must be a list",
+    "tuple_type": "must be a list",
+    "string_type": "must be text",
+    "bool_type": "must be true or false",
+    "bool_parsing": "must be true or false",
+    "int_type": "must be a whole number",
+    "int_parsing": "must be a whole number",
+    "int_from_float": "must be a whole number",
+    "float_type": "must be a number",
+    "float_parsing": "must be a number",
+}
+
+
+def raise_faults(document: Document, faults: Iterable[Fault]) -> None:
+    """Raise a ConfigError with every fault on a line of its own, in the order of their places, if there are any."""
+    ordered = sorted(dict.fromkeys(faults), key=lambda fault: document.order(fault.path))
+    if ordered:
+        raise ConfigError(ordered, [f"{document.place(fault.path)}: {fault}" for fault in ordered])
+
+
+def faults_of(error: ValidationError, model: type[BaseModel], data: object) -> list[Fault]:
+    """Return pydantic's errors as faults, with paths inside ``data``, which ``model`` has refused."""
+    found: dict[DocumentPath, list[str]] = {}
+    for details in error.errors(include_url=False):
+        path = _path(details, data)
+        messages = found.setdefault(path, [])
+        message = _message(details, model)
+        if message not in messages:
+            messages.append(message)
+    # A value that suits no member of a union has one error for each.
+    return [Fault(path, "; or ".join(messages)) for path, messages in found.items()]
+
+
+def validation_error(faults: Iterable[Fault], title: str) -> ValidationError:
+    """Return faults as the error that a validator inside a pydantic model raises; their paths start at its field."""
+    return ValidationError.from_exception_data(
+        title,
+        [
+            InitErrorDetails(
+                type=PydanticCustomError(_READY, "{message}", {"message": fault.message}), loc=fault.path, input=None
+            )
+            for fault in faults
+        ],
+    )
+
+
+def _path(details: ErrorDetails, data: object) -> DocumentPath:
+    """Return the error's location without what pydantic adds to it: the tags of unions and the like."""
+    path: list[str | int] = []
+    for part in details["loc"]:
+        if isinstance(data, Mapping | Sequence) and not isinstance(data, str):
+            try:
+                data = data[part]  # type: ignore[index]  # a part of the wrong type is caught
+            except (KeyError, IndexError, TypeError):
+                continue
+            path.append(part)
+    last = details["loc"][-1:]
+    if details["type"] in ("missing", _READY) and tuple(path[-1:]) != last:
+        path.extend(last)
+    if details["type"].startswith("union_tag"):
+        path.append(_discriminator(details))
+    return tuple(path)
+
+
+def _message(details: ErrorDetails, model: type[BaseModel]) -> str:
+    kind, context, value = details["type"], details.get("ctx", {}), details["input"]
+    message = _MESSAGES.get(kind, "")
+    if kind == _READY:
+        return str(context["message"])
+    match kind:
+        case "missing":
+            return message
+        case "extra_forbidden":
+            *path, key = details["loc"]
+            return f"unknown key `{key}`{did_you_mean(str(key), _keys(model, path))}"
+        case "value_error" | "assertion_error":
+            message = str(context["error"])
+            if isinstance(context["error"], UnitError):
+                return message
+        case "literal_error" | "enum" | "union_tag_invalid":
+            allowed = str(context.get("expected", context.get("expected_tags")))
+            value = context.get("tag", value)
+            near = did_you_mean(value, re.findall("'(.*?)'", allowed)) if isinstance(value, str) else ""
+            hint = near if "did you mean" in near else ""
+            return f"must be {allowed}{_got(value)}{hint}"
+        case "union_tag_not_found":
+            return "is missing"
+    if not message:
+        message = re.sub(r"^[A-Z]\w* should ", "must ", details["msg"])
+    return message + ("" if _shown(value) in message else _got(value))
+
+
+def _discriminator(details: ErrorDetails) -> str:
+    return str(details["ctx"]["discriminator"]).strip("'")
+
+
+def _got(value: object) -> str:
+    return f" (got {_shown(value)})"
+
+
+def _shown(value: object) -> str:
+    match value:
+        case None:
+            return "nothing"
+        case bool():
+            return str(value).lower()
+        case str():
+            return repr(value if len(value) <= 60 else value[:57] + "...")
+        case int() | float():
+            return str(value)
+        case Mapping():
+            return "a mapping"
+        case Sequence():
+            return "a list"
+    return type(value).__name__
+
+
+def _keys(model: type[BaseModel], path: Iterable[str | int]) -> set[str]:
+    """Return the keys that are allowed at a location, those of all models where a union leaves open which is meant."""
+    models = [model]
+    for part in path:
+        tagged = [member for member in models if _is_tagged(member, part)]
+        inner = [
+            found
+            for member in models
+            for name, info in member.model_fields.items()
+            if part in (name, info.alias)
+            for found in _models_in(info.annotation)
+        ]
+        models = inner or tagged or models
+    return {info.alias or name for member in models for name, info in member.model_fields.items()}
+
+
+def _models_in(annotation: Any) -> list[type[BaseModel]]:
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return [annotation]
+    if get_origin(annotation) is Annotated:
+        return _models_in(get_args(annotation)[0])
+    if get_origin(annotation) in (Union, types.UnionType, list, tuple, dict, set, frozenset):
+        return [model for argument in get_args(annotation) for model in _models_in(argument)]
+    return []
+
+
+def _is_tagged(model: type[BaseModel], tag: object) -> bool:
+    return model.__name__ == tag or any(tag in get_args(info.annotation) for info in model.model_fields.values())

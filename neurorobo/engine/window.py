@@ -1,0 +1,108 @@
+"""One whole window of a spiking layer: the scan over time, forwards and backwards.
+
+The input currents of all steps come from one matrix product (see :mod:`neurorobo.engine.layer`); what is left is this scan. It is
+one hand-written autograd function in place of a graph of several operations per step: it keeps only the potentials and recomputes
+spikes and surrogates on the way back.
+"""
+
+from typing import Any
+
+import torch
+from torch import Tensor
+from torch.autograd.function import once_differentiable
+
+from neurorobo.neurons import LIF
+
+
+def run_window(
+    current: Tensor,
+    potential: Tensor,
+    neuron: LIF,
+    threshold: Tensor | None = None,
+    recurrent_weight: Tensor | None = None,
+) -> tuple[Tensor, Tensor]:
+    """Run a layer of neurons through a window.
+
+    ``current`` (steps, batch, neurons) is overwritten. ``potential`` (batch, neurons) is the potential at the end of the window
+    before; it also tells which neurons fired last, since a potential is stored before its reset. ``threshold`` (neurons), if
+    given, replaces the neuron's own and may be trained. ``recurrent_weight`` (neurons, neurons), row = target, carries each
+    step's spikes to the next step. Returns spikes (steps, batch, neurons) and the last potential, differentiable in all four tensors.
+    """
+    if threshold is None:
+        threshold = current.new_tensor(neuron.threshold)
+    spikes, potentials = _Window.apply(current, potential, threshold, recurrent_weight, neuron)
+    return spikes, potentials[-1]
+
+
+class _Window(torch.autograd.Function):
+    """The scan of :func:`run_window`."""
+
+    @staticmethod
+    def forward(
+        ctx: Any,
+        current: Tensor,
+        potential: Tensor,
+        threshold: Tensor,
+        recurrent_weight: Tensor | None,
+        neuron: LIF,
+    ) -> tuple[Tensor, Tensor]:
+        ctx.mark_dirty(current)
+        ctx.neuron = neuron
+        zero = current.new_zeros(())
+        before = potential
+        for now in current:
+            fired = before >= threshold
+            if recurrent_weight is not None:
+                now.addmm_(fired.to(now.dtype), recurrent_weight.t())
+            now.add_(torch.where(fired, zero, before), alpha=neuron.decay)
+            if neuron.rectify:
+                now.relu_()
+            before = now
+        spikes = (current >= threshold).to(current.dtype)
+        ctx.save_for_backward(current, potential, threshold, recurrent_weight)
+        return spikes, current
+
+    @staticmethod
+    @once_differentiable
+    def backward(ctx: Any, grad_spikes: Tensor, grad_potentials: Tensor) -> tuple[Tensor | None, ...]:
+        potentials, potential, threshold, recurrent_weight = ctx.saved_tensors
+        neuron: LIF = ctx.neuron
+        surrogate = neuron.surrogate.derivative(potentials - threshold)
+        carried = (potentials < threshold).to(potentials.dtype) * neuron.decay
+        reset = neuron.decay * potentials if neuron.reset_gradient == "full" else None
+
+        grad_current = grad_potentials.clone()
+        grad_fired = grad_spikes.clone()
+        later: Tensor | None = None  # the gradient of the next step's current
+        for t in range(len(grad_current) - 1, -1, -1):
+            grad = grad_current[t]
+            if later is not None:
+                if recurrent_weight is not None:
+                    grad_fired[t].addmm_(later, recurrent_weight)
+                if reset is not None:
+                    grad_fired[t].addcmul_(reset[t], later, value=-1)
+                grad.addcmul_(carried[t], later)
+            grad.addcmul_(grad_fired[t], surrogate[t])
+            if neuron.rectify:
+                grad.mul_(potentials[t] > 0)
+            later = grad
+
+        needs_current, needs_potential, needs_threshold, needs_recurrent, _ = ctx.needs_input_grad
+        grad_potential = grad_threshold = grad_recurrent = None
+        first = grad_current[0]
+        if needs_potential or needs_threshold:
+            initial_surrogate = neuron.surrogate.derivative(potential - threshold)
+            grad_fired_before = torch.zeros_like(first)
+            if recurrent_weight is not None:
+                grad_fired_before.addmm_(first, recurrent_weight)
+            if reset is not None:
+                grad_fired_before.addcmul_(neuron.decay * potential, first, value=-1)
+            grad_potential = torch.where(potential < threshold, first, 0) * neuron.decay
+            grad_potential += grad_fired_before * initial_surrogate
+            if needs_threshold:
+                per_neuron = (grad_fired * surrogate).sum((0, 1)) + (grad_fired_before * initial_surrogate).sum(0)
+                grad_threshold = -per_neuron.sum_to_size(threshold.shape)
+        if needs_recurrent and recurrent_weight is not None:
+            fired = torch.cat([potential.unsqueeze(0), potentials[:-1]]) >= threshold
+            grad_recurrent = grad_current.flatten(0, 1).t() @ fired.flatten(0, 1).to(grad_current.dtype)
+        return grad_current if needs_current else None, grad_potential, grad_threshold, grad_recurrent, None

@@ -1,0 +1,127 @@
+"""The closed loop: brain, command layer, body and task, tick by tick, many episodes side by side."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from neurorobo.bodies import Array, Supervisor
+from neurorobo.experiment.recorder import Recorder, Sample
+from neurorobo.graph.brain import Brain
+from neurorobo.graph.plan import Use
+from neurorobo.regions.region import Probe
+from neurorobo.tasks.task import Flags, Task
+
+Metrics = dict[str, float]
+
+
+@dataclass(frozen=True)
+class EpisodeResult:
+    """One episode: its seed, the task's metrics, and the mean firing rate of each region (spikes per neuron and step, 0..1).
+
+    Rates count the neurons inside and at the output of a region, not those of the input code.
+    """
+
+    seed: int
+    metrics: Metrics
+    firing_rates: Mapping[str, float]
+
+
+def run_episodes(
+    brain: Brain,
+    task: Task[Any] | None,
+    seeds: Sequence[int],
+    *,
+    duration_ns: int | None = None,
+    recorders: Sequence[Recorder] = (),
+    progress: Callable[[int, int], None] = lambda tick, running: None,
+) -> list[EpisodeResult]:
+    """Run one episode per seed, all in one batch, until each has ended or ``duration_ns`` is over.
+
+    Without a task there is no body: the brain runs by itself for ``duration_ns``. ``progress`` is told the tick and how many episodes
+    are still running. What an episode does depends on its seed alone, not on the batch.
+    """
+    if task is None and duration_ns is None:
+        raise ValueError("without a task, the duration must be given")
+    tick_ns = brain.plan.clock.tick_ns
+    batch = len(seeds)
+    running: Flags = np.ones(batch, dtype=np.bool_)
+    supervisor = None
+    if task is not None:
+        task.body.reset(seeds)
+        task.reset(batch)
+        supervisor = Supervisor(task.body)
+        supervisor.reset(batch)
+    watch = _Watch(batch, any(recorder.wants_spikes for recorder in recorders))
+    state = brain.init_state(batch, seeds[0])
+    with torch.inference_mode():
+        while running.any() and (duration_ns is None or state.tick * tick_ns < duration_ns):
+            progress(state.tick, int(running.sum()))
+            tick = state.tick
+            observation = {} if task is None else task.body.read()
+            watch.begin(running)
+            numbers = {name: torch.as_tensor(value, dtype=torch.float32) for name, value in observation.items()}
+            commands, state = brain.tick(numbers, state, watch)
+            given: Mapping[str, Array] = {}
+            ended = np.zeros(batch, dtype=np.bool_)
+            if task is not None and supervisor is not None:
+                wanted = {name: value.numpy().astype(np.float64) for name, value in commands.items()}
+                given = supervisor.advance(wanted, tick_ns, running)
+                task.observe(tick_ns, running)
+                ended = task.terminated() | task.truncated()
+            sample = Sample(tick, tick * tick_ns * 1e-9, running, observation, given, watch.outputs, watch.spikes)
+            for recorder in recorders:
+                recorder.sample(sample)
+            running = running & ~ended
+    metrics: Sequence[Metrics] = [{} for _ in seeds] if task is None else task.metrics()
+    results = []
+    for i, seed in enumerate(seeds):
+        interventions = {} if supervisor is None else {"command_interventions": float(supervisor.interventions[i])}
+        rates = {region: float(rate[i]) for region, rate in watch.firing_rates().items()}
+        results.append(EpisodeResult(seed, {**metrics[i], **interventions}, rates))
+    return results
+
+
+@dataclass
+class _Watch:
+    """Observes a brain for the samples and the firing rates."""
+
+    batch: int
+    keeps_spikes: bool
+    outputs: dict[str, dict[str, Tensor]] = field(default_factory=dict)
+    spikes: dict[str, dict[str, Tensor]] = field(default_factory=dict)
+    running: Tensor = field(init=False)
+    fired: dict[str, Tensor] = field(default_factory=dict)
+    chances: dict[str, Tensor] = field(default_factory=dict)
+
+    def begin(self, running: Flags) -> None:
+        """Start a tick, in which the ``running`` episodes count."""
+        self.outputs, self.spikes = {}, {}
+        self.running = torch.from_numpy(running.astype(np.float64))
+
+    def used(self, use: Use, iteration: int, outputs: Mapping[str, Tensor]) -> None:
+        """Keep the outputs of a use as numbers."""
+        self.outputs[use.name] = {
+            name: value if (code := use.outputs[name].code) is None else code.decode(value) for name, value in outputs.items()
+        }
+
+    def probe(self, use: Use) -> Probe:
+        """Count the spikes of a use, and keep them if a recorder wants them."""
+
+        def listen(layer: str, spikes: Tensor) -> None:
+            zero = torch.zeros(self.batch, dtype=torch.float64)
+            fired = self.fired.setdefault(use.region, zero)
+            chances = self.chances.setdefault(use.region, zero)
+            self.fired[use.region] = fired + self.running * spikes.sum((0, 2)).double()
+            self.chances[use.region] = chances + self.running * (spikes.shape[0] * spikes.shape[2])
+            if self.keeps_spikes:
+                self.spikes.setdefault(use.name, {})[layer] = spikes
+
+        return listen
+
+    def firing_rates(self) -> dict[str, Tensor]:
+        """Return spikes per neuron and step (batch) of every region that spikes."""
+        return {region: fired / self.chances[region] for region, fired in self.fired.items()}

@@ -1,0 +1,60 @@
+"""Recorders: what a run leaves behind besides its summary."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, ClassVar
+
+from torch import Tensor
+
+from neurorobo.bodies import Array
+from neurorobo.graph.plan import Plan
+from neurorobo.tasks.task import Flags, Task
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What a recorder is told before a run: where to write, what is run, and with which seeds."""
+
+    folder: Path
+    name: str
+    plan: Plan
+    seeds: Sequence[int]
+    task: Task[Any] | None
+
+
+@dataclass(frozen=True)
+class Sample:
+    """One tick of a run, batch first; arrays are those of the moment and must be copied to be kept.
+
+    ``observation`` was read at the tick's start, ``given`` is what the body carried out until its end. ``outputs`` holds, for each
+    step that ran, its ports as numbers (batch, width), of its last iteration if it repeats. ``spikes`` holds (steps, batch, neurons)
+    by step and layer, for recorders that want them.
+    """
+
+    tick: int
+    time_s: float
+    running: Flags
+    observation: Mapping[str, Array]
+    given: Mapping[str, Array]
+    outputs: Mapping[str, Mapping[str, Tensor]]
+    spikes: Mapping[str, Mapping[str, Tensor]]
+
+
+class Recorder(ABC):
+    """Keeps something of a run; samples are buffered, files are written at the end."""
+
+    wants_spikes: ClassVar[bool] = False
+
+    def __init__(self, setting: Setting) -> None:
+        """Prepare to record one run."""
+        self.setting = setting
+
+    @abstractmethod
+    def sample(self, sample: Sample) -> None:
+        """Take note of one tick."""
+
+    @abstractmethod
+    def finish(self) -> Path | None:
+        """Write what was kept, and return the file; called once, also if the run was interrupted."""

@@ -1,0 +1,128 @@
+"""The run folder: all that is needed to know what was run, and to run it again."""
+
+import json
+import os
+import platform
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+from neurorobo.errors import NeuroroboError
+
+VERSIONED = ("neurorobo", "torch", "numpy", "snntorch", "gymnasium", "rerun-sdk", "pydantic")
+
+
+class RunFolder:
+    """A folder with ``config.yaml`` (as given), ``config.resolved.yaml`` (complete), ``run.json`` and what the run adds.
+
+    ``run.json`` says ``status: running | finished | interrupted | failed``, versions, seeds, the command and the times.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Open a folder that exists; :meth:`create` makes a new one."""
+        self.path = path
+
+    @classmethod
+    def create(
+        cls,
+        path: Path,
+        *,
+        given: str,
+        resolved: str,
+        seeds: Sequence[int],
+        plugins: Mapping[str, str],
+    ) -> "RunFolder":
+        """Make a new folder; raise :class:`NeuroroboError` if one with a run in it is there already."""
+        if (path / "run.json").exists():
+            raise NeuroroboError(f"{path} already holds a run; give another folder with `--out`, or remove it")
+        try:
+            path.mkdir(parents=True, exist_ok=True)
+            (path / "config.yaml").write_text(given, encoding="utf-8")
+            (path / "config.resolved.yaml").write_text(resolved, encoding="utf-8")
+        except OSError as error:
+            raise NeuroroboError(f"{path} cannot be written ({error.strerror}); choose another folder with `--out`") from None
+        folder = cls(path)
+        folder._write_run({
+            "status": "running",
+            "started": _now(),
+            "ended": None,
+            "seeds": list(seeds),
+            "command": " ".join(["neurorobo", *sys.argv[1:]]),
+            "python": platform.python_version(),
+            "platform": platform.platform(),
+            "versions": {name: found for name in VERSIONED if (found := _version(name))},
+            "plugins": dict(plugins),
+            "git": _git_commit(),
+        })
+        return folder
+
+    def finish(self, status: str) -> None:
+        """Note how the run ended."""
+        self._write_run({**self.run(), "status": status, "ended": _now()})
+
+    def run(self) -> dict[str, Any]:
+        """Return the content of ``run.json``."""
+        return self._read("run.json")
+
+    def summary(self) -> dict[str, Any]:
+        """Return the content of ``summary.json``."""
+        return self._read("summary.json")
+
+    def write_summary(self, summary: Mapping[str, Any]) -> None:
+        """Write ``summary.json``."""
+        write_json(self.path / "summary.json", summary)
+
+    def _write_run(self, content: Mapping[str, Any]) -> None:
+        write_json(self.path / "run.json", content)
+
+    def _read(self, name: str) -> dict[str, Any]:
+        path = self.path / name
+        try:
+            content: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+        except FileNotFoundError:
+            raise NeuroroboError(f"{self.path} has no {name}: it is not the folder of a finished run") from None
+        except (OSError, ValueError) as error:
+            raise NeuroroboError(f"{path} cannot be read ({error}); run the experiment again") from None
+        return content
+
+
+def new_folder_path(base: Path, name: str, config_hash: str) -> Path:
+    """Return ``<base>/<name>/<time>-<hash>``, with a counter if that second was taken."""
+    stamp = datetime.now().strftime("%Y%m%d-%H%M%S")
+    path = base / name / f"{stamp}-{config_hash[:8]}"
+    counter = 1
+    while path.exists():
+        counter += 1
+        path = path.with_name(f"{stamp}-{config_hash[:8]}-{counter}")
+    return path
+
+
+def write_json(path: Path, content: Mapping[str, Any]) -> None:
+    """Write JSON, replacing the file at once or not at all."""
+    temporary = path.with_name(path.name + ".part")
+    temporary.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    os.replace(temporary, path)
+
+
+def _now() -> str:
+    return datetime.now(UTC).isoformat(timespec="seconds")
+
+
+def _version(distribution: str) -> str | None:
+    try:
+        return version(distribution)
+    except PackageNotFoundError:
+        return None
+
+
+def _git_commit() -> str | None:
+    """Return the commit of the working directory, if it is in a git work tree."""
+    try:
+        found = subprocess.run(["git", "rev-parse", "HEAD"], capture_output=True, text=True, timeout=5, check=True)
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return found.stdout.strip()

@@ -1,0 +1,1 @@
+"""The region graph: references, compiler, plan, and the brain that runs it."""

@@ -1,0 +1,307 @@
+"""The compiler: from the steps of a file to a plan, or to all the faults that stand in the way."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from math import lcm
+from typing import Protocol
+
+from neurorobo.clock import Clock
+from neurorobo.errors import ConfigError, Fault, NeuroroboError, did_you_mean
+from neurorobo.graph.plan import Edge, Plan, Repeat, Use
+from neurorobo.graph.reference import Reference, Source, parse_reference
+from neurorobo.graph.spec import RepeatSpec, StepSpec
+from neurorobo.regions import Port, RegionConfig
+from neurorobo.units import same_unit
+
+BODY = "body"
+COMMAND = "command"
+
+Path = tuple[str | int, ...]
+
+
+class Channel(Protocol):
+    """What a graph needs to know of a sensor or an actuator."""
+
+    @property
+    def unit(self) -> str:
+        """The unit of its components."""
+
+    @property
+    def width(self) -> int:
+        """The number of its components."""
+
+
+def compile_graph(
+    steps: Sequence[StepSpec | RepeatSpec],
+    command: Mapping[str, str],
+    regions: Mapping[str, RegionConfig],
+    clock: Clock,
+    sensors: Mapping[str, Channel],
+    actuators: Mapping[str, Channel],
+) -> Plan:
+    """Compile a region graph.
+
+    Raises :class:`ConfigError` with every fault found: unknown names, missing inputs, quantities that do not fit, periods without
+    a read rule, steps that read what runs after them, and cycles without a delay.
+    """
+    return _Compiler(regions, clock, sensors).compile(steps, command, actuators)
+
+
+@dataclass(frozen=True)
+class _Node:
+    """A step as the compiler sees it: where it stands and what it offers."""
+
+    name: str
+    position: int
+    repeat: int | None
+    period: int
+    outputs: Mapping[str, Port]
+    path: Path
+
+
+@dataclass
+class _Compiler:
+    regions: Mapping[str, RegionConfig]
+    clock: Clock
+    sensors: Mapping[str, Channel]
+    nodes: dict[str, _Node] = field(default_factory=dict)
+    edges: list[Edge] = field(default_factory=list)
+    faults: list[Fault] = field(default_factory=list)
+    same_tick: dict[str, set[str]] = field(default_factory=dict)
+    late: list[tuple[Path, str, str]] = field(default_factory=list)
+
+    def compile(
+        self, steps: Sequence[StepSpec | RepeatSpec], command: Mapping[str, str], actuators: Mapping[str, Channel]
+    ) -> Plan:
+        body_ports = {name: Port(sensor.unit, sensor.width) for name, sensor in self.sensors.items()}
+        self.nodes[BODY] = _Node(BODY, -1, None, 1, body_ports, (BODY,))
+        position = 0
+        for block, item in enumerate(steps):
+            inner = item.steps if isinstance(item, RepeatSpec) else (item,)
+            for step in inner:
+                self._declare(step, position, block if isinstance(item, RepeatSpec) else None)
+                position += 1
+            if isinstance(item, RepeatSpec):
+                self._check_repeat(item)
+        order: list[Use | Repeat] = []
+        for item in steps:
+            if isinstance(item, RepeatSpec):
+                uses = tuple(use for step in item.steps if (use := self._use(step)) is not None)
+                if uses:
+                    order.append(Repeat(item.count, uses))
+            elif (use := self._use(item)) is not None:
+                order.append(use)
+        commands = self._commands(command, actuators)
+        self._check_order()
+        if self.faults:
+            raise ConfigError(self.faults)
+        outgoing: dict[str, list[Edge]] = {}
+        for edge in self.edges:
+            outgoing.setdefault(edge.source, []).append(edge)
+        hyperperiod = lcm(*(item.period for item in order)) if order else 1
+        return Plan(self.clock, tuple(order), commands, {k: tuple(v) for k, v in outgoing.items()}, hyperperiod)
+
+    def _fault(self, path: Path, message: str) -> None:
+        self.faults.append(Fault(path, message))
+
+    def _declare(self, step: StepSpec, position: int, repeat: int | None) -> None:
+        if step.name in (BODY, COMMAND):
+            self._fault(step.path, f"a step cannot be called `{step.name}`: the name is taken; choose another")
+            return
+        if step.name in self.nodes:
+            self._fault(step.path, f"there is already a step `{step.name}`; give every step a name of its own")
+            return
+        config = self.regions.get(step.use)
+        if config is None:
+            known = did_you_mean(step.use, self.regions)
+            self._fault((*step.path, "use"), f"there is no region `{step.use}`{known}")
+        if step.every not in self.clock.periods_ns:
+            known = did_you_mean(step.every, self.clock.periods_ns)
+            self._fault((*step.path, "every"), f"there is no period `{step.every}` under `time`{known}")
+            period = self.clock.ticks("control")
+        else:
+            period = self.clock.ticks(step.every)
+        outputs = {} if config is None else config.outputs(self.clock)
+        self.nodes[step.name] = _Node(step.name, position, repeat, period, outputs, step.path)
+        if config is not None:
+            ports = [*config.inputs(self.clock).values(), *outputs.values()]
+            window_ns = self.clock.window * self.clock.spike_step_ns
+            if any(port.code for port in ports) and window_ns > period * self.clock.tick_ns:
+                self._fault(
+                    (*step.path, "every"),
+                    f"the spike window of {window_ns / 1e6:g} ms does not fit the period `{step.every}` of "
+                    f"{period * self.clock.tick_ns / 1e6:g} ms; shorten the window or run the step less often",
+                )
+
+    def _check_repeat(self, block: RepeatSpec) -> None:
+        periods = {step.every for step in block.steps}
+        if len(periods) > 1:
+            self._fault(block.path, f"the steps of a repeat run together, but have the periods {', '.join(sorted(periods))}")
+
+    def _use(self, step: StepSpec) -> Use | None:
+        node, config = self.nodes.get(step.name), self.regions.get(step.use)
+        if node is None or node.path != step.path or config is None:
+            return None
+        ports = config.inputs(self.clock)
+        inputs: dict[str, tuple[Edge, ...]] = {}
+        for name, text in step.inputs.items():
+            path = (*step.path, name)
+            if name not in ports:
+                self._fault(path, f"`{step.use}` has no input `{name}`{did_you_mean(name, ports)}")
+                continue
+            edges = self._connect(node, name, ports[name], text, path)
+            if edges:
+                inputs[name] = edges
+        for name, port in ports.items():
+            if name not in step.inputs and port.initial is None:
+                self._fault(step.path, f"the input `{name}` ({_describe(port)}) of `{step.use}` is not wired; add `{name}: <step>.<port>`")
+        defaults = {name: port for name, port in ports.items() if name not in step.inputs}
+        return Use(step.name, step.use, step.state, node.period, inputs, defaults, node.outputs)
+
+    def _commands(self, command: Mapping[str, str], actuators: Mapping[str, Channel]) -> dict[str, Edge]:
+        end = _Node(COMMAND, len(self.nodes), None, 1, {}, (COMMAND,))
+        commands = {}
+        for name, text in command.items():
+            path = (COMMAND, name)
+            if name not in actuators:
+                self._fault(path, f"the body has no actuator `{name}`{did_you_mean(name, actuators)}")
+                continue
+            port = Port(actuators[name].unit, actuators[name].width)
+            edges = self._connect(end, name, port, text, path)
+            if edges:
+                commands[name] = edges[0]
+        for name in actuators:
+            if name not in command:
+                self._fault((COMMAND,), f"nothing drives the actuator `{name}`; add `{name}: <step>.<port>`")
+        return commands
+
+    def _connect(self, reader: _Node, name: str, port: Port, text: str, path: Path) -> tuple[Edge, ...]:
+        try:
+            reference = parse_reference(text)
+        except NeuroroboError as error:
+            self._fault(path, str(error))
+            return ()
+        edges = []
+        for takes_over, source in enumerate((reference.source, reference.then)):
+            if source is None:
+                continue
+            edge = self._edge(reader, name, port, source, reference, path, takes_over=bool(takes_over))
+            if edge is None:
+                return ()
+            edges.append(edge)
+        self.edges += edges
+        return tuple(edges)
+
+    def _edge(
+        self, reader: _Node, name: str, port: Port, source: Source, reference: Reference, path: Path, *, takes_over: bool
+    ) -> Edge | None:
+        """Resolve one source of an input, or note why it cannot be."""
+        node = self.nodes.get(source.step)
+        if node is None:
+            self._fault(path, f"there is no step `{source.step}`{did_you_mean(source.step, self.nodes)}")
+            return None
+        if source.port not in node.outputs:
+            if node.outputs or node.name == BODY:
+                known = did_you_mean(source.port, node.outputs)
+                self._fault(path, f"`{source.step}` has no output `{source.port}`{known}")
+            return None
+        offered = node.outputs[source.port]
+        if not same_unit(offered.unit, port.unit) or offered.width != port.width:
+            self._fault(path, f"`{source.step}.{source.port}` is {_describe(offered)}, but `{name}` takes {_describe(port)}")
+            return None
+        together = reader.repeat is not None and reader.repeat == node.repeat
+        runs_first = node.position < reader.position
+        wording = f"then {source}" if takes_over else str(source)
+        edge = Edge(
+            reader=reader.name,
+            input=name,
+            source=source.step,
+            output=source.port,
+            source_port=offered,
+            reader_port=port,
+            wording=wording + (f" delayed {source.delay_ns / 1e6:g} ms" if source.delay_ns else ""),
+            takes_over=takes_over,
+            source_period=node.period,
+            reader_period=reader.period,
+            source_runs_first=runs_first,
+        )
+        needs_initial = False
+        if takes_over:
+            if not together:
+                self._fault(path, f"`then {source}` needs a step of the same repeat; `{source.step}` is not in it")
+                return None
+            back = int(runs_first)
+            return replace(edge, iterations_back=back, length=back + 1)
+        if reference.then is None and source.reading == "now" and not runs_first and not source.delay_ns:
+            self.late.append((path, reader.name, source.step))
+        if source.delay_ns:
+            if source.delay_ns % self.clock.tick_ns:
+                self._fault(path, f"a delay of {source.delay_ns / 1e6:g} ms is not a multiple of the tick of {self.clock.tick_ns / 1e6:g} ms")
+                return None
+            delay = source.delay_ns // self.clock.tick_ns
+            edge, needs_initial = replace(edge, delay=delay, length=-(-delay // node.period) + 1), True
+        elif source.reading == "previous":
+            needs_initial = True
+            if together:
+                back = int(runs_first)
+                edge = replace(edge, iterations_back=back, length=back + 1, restarts_in_repeat=True)
+            elif runs_first:
+                edge = replace(edge, skip_this_tick=True, length=2)
+        elif source.reading == "first":
+            if node.repeat is None:
+                self._fault(path, f"`first` reads the first iteration of a repeat, and `{source.step}` is in none; leave it out")
+                return None
+            edge = replace(edge, first_iteration_only=True)
+        elif source.reading in ("sum", "mean") or (source.reading == "now" and node.period < reader.period and node.name != BODY):
+            if source.reading == "now":
+                self._fault(
+                    path,
+                    f"`{source.step}` runs {reader.period // node.period} times as often as its reader; "
+                    f"say which value is meant: `last {source}`, `sum {source}` or `mean {source}`",
+                )
+                return None
+            length = max(1, reader.period // node.period)
+            edge = replace(edge, reduction="sum" if source.reading == "sum" else "mean", length=length)
+            needs_initial = not runs_first
+        if not runs_first and source.reading in ("last", "sum", "mean"):
+            needs_initial = True
+        if source.reading in ("now", "first", "last", "sum", "mean") and not source.delay_ns and runs_first:
+            self.same_tick.setdefault(reader.name, set()).add(source.step)
+        if needs_initial and port.initial is None and reader.name != COMMAND:
+            self._fault(path, f"`{edge.wording}` has no value at the start, and the input `{name}` declares no initial one; read it without delay")
+            return None
+        return edge
+
+    def _check_order(self) -> None:
+        """Report every step that reads, in the same tick, what runs after it."""
+        for path, reader, source in self.late:
+            if reader == source:
+                self._fault(path, f"`{reader}` reads its own output without a delay; write `previous {reader}.…`")
+                continue
+            chain = self._chain(source, reader)
+            if chain is None:
+                self._fault(
+                    path,
+                    f"`{source}` runs after `{reader}`; move `{source}` up, or read its last value: `previous {source}.…`",
+                )
+            else:
+                loop = " -> ".join((*reversed(chain), chain[-1]))
+                self._fault(path, f"a cycle without delay: {loop}; read one of its edges with `previous`")
+
+    def _chain(self, start: str, goal: str) -> list[str] | None:
+        """Return a path of same-tick reads from ``start`` to ``goal``, depth first."""
+        late = {(reader, source) for _, reader, source in self.late}
+        stack, seen = [[start]], {start}
+        while stack:
+            chain = stack.pop()
+            if chain[-1] == goal:
+                return chain
+            sources = self.same_tick.get(chain[-1], set()) | {s for r, s in late if r == chain[-1]}
+            for source in sorted(sources - seen):
+                seen.add(source)
+                stack.append([*chain, source])
+        return None
+
+
+def _describe(port: Port) -> str:
+    return f"{port.width} x {port.unit}" if port.width > 1 else port.unit

@@ -1,0 +1,1 @@
+"""Learning: the phases that train regions."""

@@ -1,0 +1,40 @@
+"""Surrogate derivatives of the firing step, used only on the way back."""
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+if TYPE_CHECKING:
+    from torch import Tensor
+
+SurrogateShape = Literal["rectangular", "triangular", "arctan", "fast_sigmoid"]
+
+
+@dataclass(frozen=True)
+class Surrogate:
+    """What stands for the derivative of the firing step, as a function of the distance to the threshold.
+
+    ``width`` is the full width at half maximum, in units of the membrane potential; every shape has area one, so shapes can be
+    exchanged without retuning the learning rate. Sources: rectangular, Wu et al. 2018 (STBP); arctan, Fang et al. 2021;
+    fast sigmoid, Zenke and Ganguli 2018; triangular, Bellec et al. 2018.
+    """
+
+    shape: SurrogateShape = "rectangular"
+    width: float = 1.0
+
+    def __post_init__(self) -> None:
+        """Refuse a width that is not positive."""
+        if not self.width > 0:
+            raise ValueError(f"a surrogate needs a positive width, got {self.width}")
+
+    def derivative(self, distance: "Tensor") -> "Tensor":
+        """Return the surrogate derivative at ``distance`` = potential - threshold (any shape)."""
+        half = self.width / 2
+        if self.shape == "rectangular":
+            return (distance.abs() < half).to(distance.dtype) / self.width
+        if self.shape == "triangular":
+            return (1 - distance.abs() / self.width).clamp_(min=0) / self.width
+        if self.shape == "arctan":
+            return (distance / half).square_().add_(1).reciprocal_().mul_(1 / (math.pi * half))
+        scale = (math.sqrt(2) - 1) / half
+        return (distance.abs() * scale).add_(1).square_().reciprocal_().mul_(scale / 2)

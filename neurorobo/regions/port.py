@@ -1,0 +1,30 @@
+"""Ports: what goes into a region and what comes out."""
+
+from dataclasses import dataclass
+
+from neurorobo.codes import Code
+
+
+@dataclass(frozen=True)
+class Port:
+    """A typed end of an edge: a quantity of ``width`` components in ``unit``, as numbers or, with a ``code``, as spikes.
+
+    Numbers are tensors (batch, width); spikes are tensors (steps, batch, width * code.neurons) of 0 and 1. ``initial`` is the value
+    of an input before its source has spoken, in ``unit``, one number per component; an input that has one may be left unwired.
+    """
+
+    unit: str
+    width: int = 1
+    code: Code | None = None
+    initial: tuple[float, ...] | None = None
+    description: str = ""
+
+    def __post_init__(self) -> None:
+        """Refuse an initial value of another width."""
+        if self.initial is not None and len(self.initial) != self.width:
+            raise ValueError(f"a port of width {self.width} cannot start at {self.initial}")
+
+    @property
+    def channels(self) -> int:
+        """The last dimension of the tensor that the port carries."""
+        return self.width if self.code is None else self.width * self.code.neurons

@@ -1,0 +1,1 @@
+"""Views: schedules, graphs, tables and recordings, for people to look at."""

@@ -1,0 +1,223 @@
+"""What a compiled graph computes: order, memory, periods, state policies."""
+
+from collections.abc import Mapping, Sequence
+
+import pytest
+import torch
+
+from neurorobo.bodies import Sensor
+from neurorobo.clock import Clock
+from neurorobo.graph.brain import Brain, BrainState
+from neurorobo.graph.compile import compile_graph
+from neurorobo.graph.spec import RepeatSpec, StepSpec
+from neurorobo.regions import RegionConfig
+from tests.graph.toys import Add, AddConfig, Count, CountConfig, SpikingRelay, SpikingRelayConfig
+
+MS = 1_000_000
+IMPLEMENTATIONS = {AddConfig: Add, CountConfig: Count, SpikingRelayConfig: SpikingRelay}
+CLOCK = Clock({"control": 1000 * MS, "fast": 250 * MS}, MS, 50)
+
+
+def brain_of(
+    regions: Mapping[str, RegionConfig], steps: Sequence[StepSpec | RepeatSpec], command: Mapping[str, str] | None = None
+) -> Brain:
+    plan = compile_graph(
+        steps, command or {}, regions, CLOCK, {"force": Sensor("mN")}, {name: Sensor("mN") for name in command or {}}
+    )
+    generator = torch.Generator().manual_seed(0)
+    return Brain(plan, {n: IMPLEMENTATIONS[type(c)](c, CLOCK, generator) for n, c in regions.items()})
+
+
+class Listener:
+    """Keeps the outputs of every use."""
+
+    def __init__(self) -> None:
+        self.seen: list[tuple[int, str, int, float]] = []
+        self.tick = 0
+
+    def used(self, use, iteration, outputs) -> None:  # type: ignore[no-untyped-def]
+        (value,) = outputs.values()
+        self.seen.append((self.tick, use.name, iteration, float(value.flatten()[0])))
+
+    def probe(self, use):  # type: ignore[no-untyped-def]
+        return None
+
+
+def run(brain: Brain, forces: Sequence[float], state: BrainState | None = None) -> tuple[list[tuple[int, str, int, float]], BrainState]:
+    state = state or brain.init_state(1, seed=0)
+    listener = Listener()
+    for force in forces:
+        listener.tick = state.tick
+        _, state = brain.tick({"force": torch.tensor([[force]])}, state, listener)
+    return listener.seen, state
+
+
+def values(seen: Sequence[tuple[int, str, int, float]], name: str) -> list[float]:
+    return [value for _, step, _, value in seen if step == name]
+
+
+def test_previous_reads_the_value_before_this_tick_wherever_the_source_stands() -> None:
+    regions = {"add": AddConfig()}
+    before = brain_of(regions, [StepSpec("x", "add", every="fast", inputs={"a": "body.force"}), StepSpec("y", "add", every="fast", inputs={"a": "previous x.sum"})])
+    after = brain_of(regions, [StepSpec("y", "add", every="fast", inputs={"a": "previous x.sum"}), StepSpec("x", "add", every="fast", inputs={"a": "body.force"})])
+    for brain in (before, after):
+        seen, _ = run(brain, [10, 20, 30])
+        assert values(seen, "y") == [1.0, 12.0, 22.0]
+
+
+def test_an_accumulator_through_previous_itself() -> None:
+    brain = brain_of({"add": AddConfig()}, [StepSpec("x", "add", every="fast", inputs={"a": "previous x.sum"})])
+    seen, _ = run(brain, [0] * 5)
+    assert values(seen, "x") == [1, 2, 3, 4, 5]
+
+
+def test_slow_steps_run_at_their_period_and_fast_readers_see_the_held_value() -> None:
+    brain = brain_of(
+        {"add": AddConfig()},
+        [StepSpec("slow", "add", inputs={"a": "body.force"}), StepSpec("quick", "add", every="fast", inputs={"a": "slow.sum"})],
+    )
+    seen, _ = run(brain, [1, 2, 3, 4, 5, 6])
+    assert values(seen, "slow") == [2, 6]
+    assert values(seen, "quick") == [3, 3, 3, 3, 7, 7]
+
+
+@pytest.mark.parametrize(("rule", "expected"), [("last", [5.0, 9.0]), ("sum", [14.0, 30.0]), ("mean", [3.5, 7.5])])
+def test_slow_readers_of_fast_sources_read_by_their_rule(rule: str, expected: list[float]) -> None:
+    brain = brain_of(
+        {"add": AddConfig(), "plain": AddConfig(amount=0.0)},
+        [StepSpec("slow", "plain", inputs={"a": f"{rule} quick.sum"}), StepSpec("quick", "add", every="fast", inputs={"a": "body.force"})],
+    )
+    seen, _ = run(brain, [1, 2, 3, 4, 5, 6, 7, 8, 9])
+    assert values(seen, "slow")[0] == 0.0
+    assert values(seen, "slow")[1:] == expected
+
+
+@pytest.mark.parametrize("delay_ms", [250, 500, 1000, 1750])
+def test_a_delay_shifts_by_whole_ticks(delay_ms: int) -> None:
+    brain = brain_of({"plain": AddConfig(amount=0.0)}, [StepSpec("x", "plain", every="fast", inputs={"a": f"body.force delayed {delay_ms} ms"})])
+    seen, _ = run(brain, list(range(1, 13)))
+    ticks = delay_ms // 250
+    assert values(seen, "x") == [0.0] * ticks + [float(i) for i in range(1, 13 - ticks)]
+
+
+def test_a_delay_reads_the_last_value_of_a_slow_source_before_it() -> None:
+    brain = brain_of(
+        {"plain": AddConfig(amount=0.0)},
+        [StepSpec("slow", "plain", inputs={"a": "body.force"}), StepSpec("x", "plain", every="fast", inputs={"a": "slow.sum delayed 500 ms"})],
+    )
+    seen, _ = run(brain, list(range(1, 13)))
+    assert values(seen, "x") == [0, 0, 1, 1, 1, 1, 5, 5, 5, 5, 9, 9]
+
+
+def test_a_repeat_looks_ahead_from_the_body_and_starts_anew_each_time() -> None:
+    brain = brain_of(
+        {"add": AddConfig()},
+        [
+            RepeatSpec(3, (StepSpec("imagine", "add", inputs={"a": "body.force then imagine.sum"}), StepSpec("sofar", "add", inputs={"a": "previous sofar.sum"}))),
+            StepSpec("last", "add", inputs={"a": "imagine.sum"}),
+            StepSpec("first", "add", inputs={"a": "first imagine.sum"}),
+        ],
+    )
+    seen, _ = run(brain, [10, 0, 0, 0, 20])
+    assert values(seen, "imagine") == [11, 12, 13, 21, 22, 23]
+    assert values(seen, "sofar") == [1, 2, 3, 1, 2, 3]
+    assert values(seen, "last") == [14, 24]
+    assert values(seen, "first") == [12, 22]
+
+
+def test_the_previous_iteration_is_not_the_present_one_when_the_source_runs_first() -> None:
+    block = RepeatSpec(3, (StepSpec("x", "add", inputs={"a": "body.force then y.sum"}), StepSpec("y", "add", inputs={"a": "x.sum"}), StepSpec("z", "add", inputs={"a": "body.force then x.sum"})))
+    seen, _ = run(brain_of({"add": AddConfig()}, [block]), [0])
+    assert values(seen, "x") == [1, 3, 5]
+    assert values(seen, "z") == [1, 2, 4]
+
+
+@pytest.mark.parametrize(
+    ("carry", "expected"),
+    [
+        ("never", {"imagine": [1, 1, 1, 1], "act": [1, 1]}),
+        ("repeat", {"imagine": [1, 2, 1, 2], "act": [1, 1]}),
+        ("always", {"imagine": [1, 2, 2, 3], "act": [1, 2]}),
+    ],
+)
+def test_forked_states_are_thrown_away_and_carried_as_long_as_the_region_says(carry: str, expected: dict[str, list[float]]) -> None:
+    brain = brain_of(
+        {"count": CountConfig(carry=carry)},  # type: ignore[arg-type]
+        [RepeatSpec(2, (StepSpec("imagine", "count", state="fork"),)), StepSpec("act", "count")],
+    )
+    seen, _ = run(brain, [0] * 5)
+    assert {name: values(seen, name) for name in expected} == expected
+
+
+def test_a_fresh_use_neither_reads_nor_writes_the_state() -> None:
+    brain = brain_of({"count": CountConfig(carry="always")}, [StepSpec("look", "count", state="fresh", every="fast"), StepSpec("act", "count", every="fast")])
+    seen, _ = run(brain, [0] * 3)
+    assert values(seen, "look") == [1, 1, 1]
+    assert values(seen, "act") == [1, 2, 3]
+
+
+def test_numbers_become_spikes_and_back_and_different_codes_are_recoded() -> None:
+    brain = brain_of(
+        {"wide": SpikingRelayConfig(neurons=8), "narrow": SpikingRelayConfig(neurons=2)},
+        [StepSpec("a", "wide", every="fast", inputs={"a": "body.force"}), StepSpec("b", "narrow", every="fast", inputs={"a": "a.same"})],
+        {"push": "b.same"},
+    )
+    assert [edge.conversion for use in brain.plan.uses() for edges in use.inputs.values() for edge in edges] == ["encode", "recode"]
+    commands, _ = brain.tick({"force": torch.tensor([[41.3], [99.0]])}, brain.init_state(2, 0))
+    assert commands["push"].flatten().tolist() == pytest.approx([41.0, 99.0])
+
+
+def test_an_unwired_spiking_input_carries_its_initial_value() -> None:
+    brain = brain_of({"relay": SpikingRelayConfig()}, [StepSpec("a", "relay")], {"push": "a.same"})
+    commands, _ = brain.tick({"force": torch.zeros(3, 1)}, brain.init_state(3, 0))
+    assert commands["push"].flatten().tolist() == [10.0] * 3
+
+
+def everything() -> Brain:
+    return brain_of(
+        {"add": AddConfig(), "count": CountConfig(carry="always"), "relay": SpikingRelayConfig()},
+        [
+            RepeatSpec(2, (StepSpec("imagine", "add", inputs={"a": "body.force then imagine.sum", "b": "previous act.same"}),)),
+            StepSpec("plan", "count", inputs={"a": "mean quick.count"}),
+            StepSpec("quick", "count", every="fast", inputs={"a": "plan.count delayed 750 ms"}),
+            StepSpec("act", "relay", every="fast", inputs={"a": "quick.count"}),
+        ],
+        {"push": "act.same"},
+    )
+
+
+def test_twice_n_ticks_equal_n_ticks_saved_loaded_and_n_more_bit_for_bit() -> None:
+    forces = [float(i * 7 % 13) for i in range(14)]
+    _, straight = run(everything(), forces)
+    _, half = run(everything(), forces[:7])
+    restored = BrainState.from_tensors({name: tensor.clone() for name, tensor in half.tensors().items()})
+    _, resumed = run(everything(), forces[7:], restored)
+    assert straight.tensors().keys() == resumed.tensors().keys()
+    for name, tensor in straight.tensors().items():
+        assert torch.equal(tensor, resumed.tensors()[name]), name
+
+
+def test_a_tick_leaves_the_state_it_was_given_as_it_was() -> None:
+    brain = everything()
+    _, state = run(brain, [1, 2, 3])
+    before = {name: tensor.clone() for name, tensor in state.tensors().items()}
+    brain.tick({"force": torch.tensor([[5.0]])}, state)
+    assert all(torch.equal(tensor, before[name]) for name, tensor in state.tensors().items())
+
+
+def test_a_reset_run_is_at_its_start_and_the_others_go_on() -> None:
+    brain = everything()
+    state = brain.init_state(2, 0)
+    for force in (3.0, 4.0, 5.0, 6.0):
+        _, state = brain.tick({"force": torch.full((2, 1), force)}, state)
+    reset = brain.reset(state, torch.tensor([True, False]), seed=0)
+    start = brain.init_state(2, 0)
+    for name, values_now in reset.buffers.items():
+        for now, old, new in zip(values_now, state.buffers[name], start.buffers[name], strict=True):
+            row = now.dim() - 2
+            assert torch.equal(now.select(row, 0), new.select(row, 0))
+            assert torch.equal(now.select(row, 1), old.select(row, 1))
+
+
+def test_the_hyperperiod_is_the_longest_period_in_use() -> None:
+    assert everything().plan.hyperperiod == 4

@@ -1,0 +1,142 @@
+"""The documents are true: commands run, links lead somewhere, names exist, excerpts are what they say."""
+
+import os
+import pkgutil
+import re
+import shlex
+import subprocess
+import sys
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+
+import click
+import pytest
+
+PROJECT = Path(__file__).parent.parent
+BUNDLE = "plugins/precision_interaction"
+DOCUMENTS = [
+    *(PROJECT / name for name in ("README.md", "CONTRIBUTING.md", "CHANGELOG.md", f"{BUNDLE}/README.md")),
+    *sorted((PROJECT / "docs").rglob("*.md")),
+]
+CONSOLE = re.compile(r"^```console\n(.*?)^```", re.DOTALL | re.MULTILINE)
+EXCERPT = re.compile(r"<!-- from (\S+) -->\n+```yaml\n(.*?)^```", re.DOTALL | re.MULTILINE)
+CAPTIONED = re.compile(r"^```\{code-block\} python\n:caption: (\S+)\n\n(.*?)^```", re.DOTALL | re.MULTILINE)
+COMMANDS = [
+    command
+    for block in CONSOLE.findall((PROJECT / "README.md").read_text())
+    for command in re.findall(r"^\$ (.+)$", block, re.MULTILINE)
+    if command not in ("make run", "make test")  # they set up what is running here
+]
+REGION_GUIDE = PROJECT / "docs" / "how_to" / "write_a_region.md"
+
+documents = pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: str(path.relative_to(PROJECT)))
+
+
+def prose(document: Path) -> str:
+    """The text without its fenced blocks."""
+    return re.sub(r"^```.*?^```", "", document.read_text(), flags=re.DOTALL | re.MULTILINE)
+
+
+def environment(home: Path, **more: str) -> dict[str, str]:
+    """An activated environment with a home of its own."""
+    path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
+    return {**os.environ, "PATH": path, "HOME": str(home), "XDG_CONFIG_HOME": str(home), **more}
+
+
+def run(command: list[str], folder: Path, variables: Mapping[str, str]) -> None:
+    """Run a command, or fail with what it printed."""
+    done = subprocess.run(
+        command, cwd=folder, env=variables, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, timeout=300
+    )
+    assert done.returncode == 0, f"$ {shlex.join(command)}\n{done.stdout}"
+
+
+@pytest.fixture(scope="module")
+def reader(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder in which a reader of the README types; later commands use what earlier ones wrote."""
+    folder = tmp_path_factory.mktemp("reader")
+    for name in ("docs", "examples", "plugins"):
+        (folder / name).symlink_to(PROJECT / name)
+    # In place of the viewer's window: read the recording that would be shown.
+    viewer = folder / "viewer" / "rerun" / "__main__.py"
+    viewer.parent.mkdir(parents=True)
+    viewer.write_text(
+        "import os, subprocess, sys\n"
+        "recording, = (name for name in sys.argv if name.endswith('.rrd'))\n"
+        "del os.environ['PYTHONPATH']\n"
+        "sys.exit(subprocess.call(['rerun', 'rrd', 'verify', recording]))\n"
+    )
+    return folder
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_command_of_the_readme_runs(command: str, reader: Path) -> None:
+    shown = {"PYTHONPATH": str(reader / "viewer")} if command.startswith("neurorobo view") else {}
+    run(shlex.split(command), reader, environment(reader, **shown))
+
+
+@documents
+def test_links_lead_somewhere(document: Path) -> None:
+    targets = re.findall(r"\]\(([^)\s]+)\)", prose(document))
+    local = [target.partition("#")[0] for target in targets if "://" not in target]
+    assert [target for target in local if target and not (document.parent / target).exists()] == []
+
+
+@documents
+def test_named_files_exist(document: Path) -> None:
+    paths = re.findall(r"`((?:neurorobo|plugins|examples|benchmarks|tests|docs|…)/[\w./-]*)`", prose(document))
+    places = [path.replace("…", f"{BUNDLE}/precision_interaction") for path in paths]
+    assert [place for place in places if not (PROJECT / place).exists()] == []
+
+
+@documents
+def test_named_objects_exist(document: Path) -> None:
+    missing = []
+    for name in re.findall(r"`((?:neurorobo|precision_interaction)(?:\.\w+)+)`", prose(document)):
+        try:
+            pkgutil.resolve_name(name)
+        except (AttributeError, ImportError):
+            missing.append(name)
+    assert missing == []
+
+
+@documents
+def test_excerpts_are_what_the_file_says(document: Path) -> None:
+    """A YAML block under `<!-- from FILE -->` may leave lines out; those it has stand in the file, in that order."""
+    for name, excerpt in EXCERPT.findall(document.read_text()):
+        lines = iter((PROJECT / name).read_text().splitlines())
+        assert [line for line in excerpt.splitlines() if line.strip() and line not in lines] == [], name
+
+
+def options(command: click.Command, path: str) -> Iterator[tuple[str, str]]:
+    """Every command below a click command with its options, as they are typed."""
+    for parameter in command.params:
+        if isinstance(parameter, click.Option) and not parameter.hidden:
+            yield path, max(parameter.opts, key=len)
+    if isinstance(command, click.Group):
+        context = click.Context(command)
+        for name in command.list_commands(context):
+            subcommand = command.get_command(context, name)
+            assert subcommand is not None
+            yield from options(subcommand, f"{path} {name}")
+
+
+def test_every_command_and_option_is_documented() -> None:
+    from neurorobo.cli.main import cli
+
+    text = (PROJECT / "docs" / "reference" / "cli.md").read_text()
+    words = {word for pair in options(cli, "neurorobo") for word in pair}
+    assert sorted(word for word in words if f"`{word}" not in text) == []
+
+
+def test_the_region_of_the_guide_keeps_the_contract(tmp_path: Path) -> None:
+    """Write the guide's files as a reader would, and run its own test on them."""
+    files = CAPTIONED.findall(REGION_GUIDE.read_text())
+    assert [name for name, _ in files if name.startswith("test_")]
+    for name, code in files:
+        file = tmp_path / name
+        file.parent.mkdir(exist_ok=True)
+        file.write_text(code)
+    variables = environment(tmp_path, PYTHONPATH=str(tmp_path))
+    run([sys.executable, "-c", "import acme_brain.plugin"], tmp_path, variables)
+    run([sys.executable, "-m", "pytest", "--rootdir", str(tmp_path)], tmp_path, variables)
