@@ -10,7 +10,7 @@ TORCH_INDEX ?=
 
 BIN := .venv/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
-BUNDLE := plugins/precision_interaction
+PLUGINS := $(wildcard plugins/*/pyproject.toml)
 
 .DEFAULT_GOAL := help
 .PHONY: help run train test check docs clean python
@@ -41,7 +41,7 @@ docs: .venv/.installed-dev ## build the documentation into build/docs
 	@echo "open build/docs/index.html"
 
 clean: ## remove all that make has made, .venv included; runs are kept
-	rm -rf .venv build *.egg-info $(BUNDLE)/*.egg-info $(BUNDLE)/build
+	rm -rf .venv build *.egg-info plugins/*/*.egg-info plugins/*/build
 	rm -rf .hypothesis .import_linter_cache .mypy_cache .pytest_cache .ruff_cache
 
 python:
@@ -63,8 +63,8 @@ python:
 	  $(BIN)/python -c 'from importlib.metadata import version; print("torch==" + version("torch"))'; } > .venv/constraints.txt
 	@touch $@
 
-.venv/.installed: .venv/.torch pyproject.toml $(BUNDLE)/pyproject.toml
-	$(PIP) install -c .venv/constraints.txt -e . -e $(BUNDLE)
+.venv/.installed: .venv/.torch pyproject.toml $(PLUGINS)
+	$(PIP) install -c .venv/constraints.txt -e . $(PLUGINS:%/pyproject.toml=-e %)
 	@touch $@
 
 .venv/.installed-dev: .venv/.installed

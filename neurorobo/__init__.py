@@ -1,3 +1,3 @@
-"""Spiking brains for robots: a graph of brain regions declared in YAML, compiled once, then trained, simulated and run."""
+"""Spiking brains for robots: brain regions declared in YAML, compiled to one graph, then trained, simulated and run."""
 
 __version__ = "0.1.0"

@@ -28,6 +28,10 @@ class ConfigError(NeuroroboError):
         self.faults = tuple(faults)
         super().__init__("\n".join(map(str, self.faults) if lines is None else lines))
 
+    def __reduce__(self) -> tuple[type["ConfigError"], tuple[tuple[Fault, ...], list[str]]]:
+        """Return what another process needs to raise the same error."""
+        return ConfigError, (self.faults, [str(self)])
+
     def under(self, *path: str | int) -> "ConfigError":
         """Return the same faults one or more levels further down the document."""
         return ConfigError(replace(fault, path=(*path, *fault.path)) for fault in self.faults)

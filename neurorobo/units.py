@@ -97,7 +97,7 @@ class Unit:
         if self.unit == "1" and isinstance(value, int | float) and not isinstance(value, bool):
             number = _finite(value, str(value))
         else:
-            number = parse_quantity(_as_text(value, f"1 {self.unit}"), self.unit)
+            number = parse_quantity(_as_text(value, _with_unit("1", self.unit)), self.unit)
         self._check(number, value)
         return number
 
@@ -284,9 +284,10 @@ def _finite(number: float | Decimal, text: str) -> float:
 def _as_text(value: object, example: str) -> str:
     if isinstance(value, str):
         return value
-    if isinstance(value, int | float) and not isinstance(value, bool):
-        raise UnitError(f"{value} needs a unit, e.g. '{value} {example.partition(' ')[2]}'")
-    raise UnitError(f"must be a quantity such as '{example}'")
+    number, _, unit = example.partition(" ")
+    if isinstance(value, int | float) and not isinstance(value, bool) and unit and ".." not in number:
+        raise UnitError(f"{value} needs a unit, e.g. '{value} {unit}'")
+    raise UnitError(f"must be written like '{example}'")
 
 
 def _digits(value: float) -> str:

@@ -60,6 +60,7 @@ def reader(tmp_path_factory: pytest.TempPathFactory) -> Path:
     # In place of the viewer's window: read the recording that would be shown.
     viewer = folder / "viewer" / "rerun" / "__main__.py"
     viewer.parent.mkdir(parents=True)
+    (viewer.parent / "__init__.py").touch()
     viewer.write_text(
         "import os, subprocess, sys\n"
         "recording, = (name for name in sys.argv if name.endswith('.rrd'))\n"
@@ -127,6 +128,16 @@ def test_every_command_and_option_is_documented() -> None:
     text = (PROJECT / "docs" / "reference" / "cli.md").read_text()
     words = {word for pair in options(cli, "neurorobo") for word in pair}
     assert sorted(word for word in words if f"`{word}" not in text) == []
+
+
+def test_every_key_is_documented() -> None:
+    from neurorobo.config.experiment import Experiment, Step
+    from neurorobo.learning.phase import SupervisePhase
+
+    for document, model in (("reference/yaml", Experiment), ("reference/yaml", Step), ("how_to/train", SupervisePhase)):
+        text = (PROJECT / "docs" / f"{document}.md").read_text()
+        keys = [field.alias or name for name, field in model.model_fields.items()]
+        assert [key for key in keys if f"`{key}`" not in text] == [], document
 
 
 def test_the_region_of_the_guide_keeps_the_contract(tmp_path: Path) -> None:

@@ -14,7 +14,8 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Sensor:
-    """What a sensor reports: ``width`` components in ``unit`` within ``lo..hi``, in counts of ``resolution`` (0: continuous)."""
+    """What a sensor reports: ``width`` components in ``unit`` within ``lo..hi``, in counts of ``resolution`` (0:
+    continuous)."""
 
     unit: str
     width: int = 1
@@ -60,8 +61,8 @@ class BodyConfig(BaseModel, ABC):
 class Body(ABC):
     """A batch of equal bodies moving side by side; a real one is a batch of one.
 
-    Every value is an array (batch, width). Randomness, if any, comes from one generator per body, seeded in :meth:`reset`, so
-    that what happens to one body does not depend on the batch it moves in.
+    Every value is an array (batch, width). Randomness, if any, comes from one generator per body, seeded in
+    :meth:`reset`, so that what happens to one body does not depend on the batch it moves in.
     """
 
     def __init__(self, config: BodyConfig) -> None:
@@ -73,8 +74,8 @@ class Body(ABC):
     def reset(self, seeds: Sequence[int], which: NDArray[np.bool_] | None = None) -> None:
         """Bring bodies to their start.
 
-        Without ``which``, ``len(seeds)`` bodies make up the batch from now on. With it (batch), only the bodies it marks start
-        again, one seed for each of them in order; the others go on undisturbed.
+        Without ``which``, ``len(seeds)`` bodies make up the batch from now on. With it (batch), only the bodies it
+        marks start again, one seed for each of them in order; the others go on undisturbed.
         """
 
     @abstractmethod
@@ -83,7 +84,8 @@ class Body(ABC):
 
     @abstractmethod
     def advance(self, commands: Mapping[str, Array], duration_ns: int) -> None:
-        """Carry out ``commands`` for ``duration_ns``; an actuator without a new command keeps its speed or stands still."""
+        """Carry out ``commands`` for ``duration_ns``; an actuator without a new command keeps its speed or stands
+        still."""
 
     def limits(self, duration_ns: int) -> dict[str, tuple[Array, Array]]:
         """Return the least and largest command that each actuator may be given for the coming ``duration_ns``.
@@ -95,5 +97,6 @@ class Body(ABC):
             for name, actuator in self.actuators.items()
         }
 
+    @abstractmethod
     def stop(self) -> None:
         """Stop every motion; safe to call at any time."""

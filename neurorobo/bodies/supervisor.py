@@ -12,8 +12,8 @@ from neurorobo.errors import NeuroroboError
 class Supervisor:
     """Clamps commands to what the body allows at this moment and counts each intervention.
 
-    ``interventions`` (batch) counts the commands changed since :meth:`reset`, actuator by actuator and period by period. A command
-    that is not a number stops the body and raises: there is nothing sensible to clamp it to.
+    ``interventions`` (batch) counts the commands changed since :meth:`reset`, actuator by actuator and period by
+    period. A command that is not a number stops the body and raises: there is nothing sensible to clamp it to.
     """
 
     def __init__(self, body: Body) -> None:

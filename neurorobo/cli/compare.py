@@ -11,16 +11,37 @@ from neurorobo.cli.options import json_option, out_option, overrides_option, qui
 @click.command()
 @click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path))
 @overrides_option
+@click.option(
+    "--variant",
+    "variants",
+    multiple=True,
+    metavar="PATH=VALUE",
+    help="Add the first file once more with this value replaced, such as regions.cerebellum=precision.predictive; "
+    "repeatable.",
+)
 @seed_option
-@click.option("--episodes", default=10, show_default=True, type=click.IntRange(1), help="Episodes of each experiment, with the same seeds.")
+@click.option(
+    "--episodes",
+    default=10,
+    show_default=True,
+    type=click.IntRange(1),
+    help="Episodes of each experiment, with the same seeds.",
+)
 @out_option
 @json_option
 def compare(
-    files: tuple[Path, ...], overrides: tuple[str, ...], seed: int | None, episodes: int, out: Path | None, as_json: bool
+    files: tuple[Path, ...],
+    overrides: tuple[str, ...],
+    variants: tuple[str, ...],
+    seed: int | None,
+    episodes: int,
+    out: Path | None,
+    as_json: bool,
 ) -> None:
     """Run experiment FILES over the same seeds, or read run folders, and put their figures side by side.
 
-    Each experiment gets a run folder of its own; if you stop, give the folders of those that are finished in place of their files.
+    Each experiment gets a run folder of its own; if you stop, give the folders of those that are finished in place of
+    their files.
     """
     from neurorobo.config.experiment import load_experiment
     from neurorobo.errors import NeuroroboError
@@ -29,21 +50,20 @@ def compare(
     from neurorobo.plugins import Registry
 
     registry = Registry.discover()
-    experiments = {file: load_experiment(file, overrides, registry) for file in files if not file.is_dir()}
-    summaries = {}
-    for file in files:
-        if file.is_dir():
-            name, summary = str(file), RunFolder(file).summary()
-        else:
-            experiment = experiments[file]
-            first = experiment.seed if seed is None else seed
-            folder = None if out is None else out / file.stem
-            finished = run_experiment(experiment, registry, range(first, first + episodes), folder, record=(), quiet=quiet())
-            name, summary = file.stem, finished.summary
-            click.echo(f"{name}: {finished.folder.path}", err=True)
-        if name in summaries:
-            raise NeuroroboError(f"two of the experiments are called `{name}`; give files or folders of different names")
-        summaries[name] = summary
+    names = [str(file) if file.is_dir() else file.stem for file in files] + list(variants)
+    if twice := {name for name in names if names.count(name) > 1}:
+        raise NeuroroboError(f"two columns would be called `{twice.pop()}`; give files of different names")
+    experiments = {file.stem: load_experiment(file, overrides, registry) for file in files if not file.is_dir()}
+    experiments |= {change: load_experiment(files[0], (*overrides, change), registry) for change in variants}
+    summaries = {str(file): RunFolder(file).summary() for file in files if file.is_dir()}
+    for name, experiment in experiments.items():
+        first = experiment.seed if seed is None else seed
+        folder = None if out is None else out / name.replace("/", "_")
+        seeds = range(first, first + episodes)
+        finished = run_experiment(experiment, registry, seeds, folder, record=(), quiet=quiet())
+        summaries[name] = finished.summary
+        click.echo(f"{name}: {finished.folder.path}", err=True)
+    summaries = {name: summaries[name] for name in names}
     if as_json:
         click.echo(json.dumps(summaries, indent=2))
     else:

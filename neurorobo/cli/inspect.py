@@ -74,13 +74,22 @@ def plugins(as_json: bool) -> None:
 
     found = Registry.discover().plugins()
     if as_json:
-        click.echo(json.dumps([
-            {
-                "name": plugin.name, "distribution": plugin.distribution, "version": plugin.version, "status": plugin.status,
-                "error": plugin.error, "provides": [{"kind": e.kind, "name": e.name, "summary": e.summary} for e in plugin.provides],
-            }
-            for plugin in found
-        ], indent=2))
+        click.echo(
+            json.dumps(
+                [
+                    {
+                        "name": plugin.name,
+                        "distribution": plugin.distribution,
+                        "version": plugin.version,
+                        "status": plugin.status,
+                        "error": plugin.error,
+                        "provides": [{"kind": e.kind, "name": e.name, "summary": e.summary} for e in plugin.provides],
+                    }
+                    for plugin in found
+                ],
+                indent=2,
+            )
+        )
         return
     for plugin in found:
         click.echo(f"{plugin.name}  ({plugin.distribution} {plugin.version}, {plugin.status})")

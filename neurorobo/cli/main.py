@@ -6,14 +6,12 @@ import click
 
 import neurorobo
 from neurorobo.cli.compare import compare
+from neurorobo.cli.exit_codes import BAD_INPUT, INTERRUPTED
 from neurorobo.cli.inspect import graph, plan, plugins, schema, validate
 from neurorobo.cli.run import run
 from neurorobo.cli.train import train
 from neurorobo.cli.view import view
 from neurorobo.errors import NeuroroboError
-
-FAILED, BAD_INPUT, EPISODE_FAILED, INTERRUPTED = 1, 2, 3, 130
-
 
 class _Commands(click.Group):
     """The core's commands and those that plugins register."""
@@ -38,7 +36,9 @@ def _plugin_commands() -> dict[str, str]:
     """Return the plugins' commands: what is typed, and the full name; a name of the core's cannot be taken."""
     from neurorobo.plugins import Registry
 
-    return {entry.name.partition(".")[2].replace("_", "-"): entry.name for entry in Registry.discover().entries("command")}
+    return {
+        entry.name.partition(".")[2].replace("_", "-"): entry.name for entry in Registry.discover().entries("command")
+    }
 
 
 @click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"]})

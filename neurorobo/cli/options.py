@@ -1,5 +1,6 @@
 """Options that several commands share."""
 
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -11,15 +12,23 @@ Command = Callable[..., Any]
 file_argument = click.argument("file", type=click.Path(path_type=Path, dir_okay=False))
 
 overrides_option = click.option(
-    "--set", "overrides", multiple=True, metavar="PATH=VALUE", help="Replace a value of the file, e.g. --set body.gap='40 um'; repeatable."
+    "--set",
+    "overrides",
+    multiple=True,
+    metavar="PATH=VALUE",
+    help="Replace a value of the file, e.g. --set body.gap='40 um'; repeatable.",
 )
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")
-seed_option = click.option("--seed", type=click.IntRange(0), help="Seed of the first episode; the next ones follow on. Default: the file's.")
+seed_option = click.option(
+    "--seed", type=click.IntRange(0), help="Seed of the first episode; the next ones follow on. Default: the file's."
+)
 out_option = click.option(
-    "--out", type=click.Path(path_type=Path, file_okay=False), help="Folder for the results. Default: runs/<name>/<time>-<hash>."
+    "--out",
+    type=click.Path(path_type=Path, file_okay=False),
+    help="Folder for the results. Default: runs/<name>/<time>-<hash>.",
 )
 
 
 def quiet() -> bool:
     """Return whether progress bars would disturb: the error stream is not a terminal."""
-    return not click.get_text_stream("stderr").isatty()
+    return not sys.stderr.isatty()

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import click
 
+from neurorobo.cli.exit_codes import EPISODE_FAILED
 from neurorobo.cli.options import file_argument, json_option, out_option, overrides_option, quiet, seed_option
 
 
@@ -12,15 +13,26 @@ from neurorobo.cli.options import file_argument, json_option, out_option, overri
 @file_argument
 @overrides_option
 @seed_option
-@click.option("--episodes", default=1, show_default=True, type=click.IntRange(1), help="How many episodes, with consecutive seeds.")
+@click.option(
+    "--episodes",
+    default=1,
+    show_default=True,
+    type=click.IntRange(1),
+    help="How many episodes, with consecutive seeds.",
+)
 @out_option
 @json_option
 @click.pass_context
 def run(
-    context: click.Context, file: Path, overrides: tuple[str, ...], seed: int | None, episodes: int, out: Path | None, as_json: bool
+    context: click.Context,
+    file: Path,
+    overrides: tuple[str, ...],
+    seed: int | None,
+    episodes: int,
+    out: Path | None,
+    as_json: bool,
 ) -> None:
     """Run the experiment FILE and write a run folder."""
-    from neurorobo.cli.main import EPISODE_FAILED
     from neurorobo.config.experiment import load_experiment
     from neurorobo.experiment.run import run_experiment
     from neurorobo.plugins import Registry

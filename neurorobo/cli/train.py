@@ -36,7 +36,13 @@ def train(file: Path, overrides: tuple[str, ...], only: tuple[str, ...], threads
         raise NeuroroboError(f"{file} has no `train` phases; add some, or look at examples/peg_in_hole.yaml")
     torch.set_num_threads(threads)
     folder = out or Path("runs") / experiment.name / f"training-{experiment.config_hash[:8]}"
-    columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[figures]}"), TimeElapsedColumn(), TimeRemainingColumn())
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        TextColumn("{task.fields[figures]}"),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+    )
     with Progress(*columns, console=Console(stderr=True), disable=quiet()) as bars:
         shown: dict[int, int] = {}
 
@@ -45,10 +51,14 @@ def train(file: Path, overrides: tuple[str, ...], only: tuple[str, ...], threads
             if index not in shown:
                 shown[index] = int(bars.add_task(f"{index} {phase.region}", total=step.steps, figures=""))
             errors = "  ".join(f"{name} {error:.3g}" for name, error in step.error.items())
-            bars.update(bars.task_ids[list(shown).index(index)], completed=step.done, figures=f"{errors}  rate {step.rate:.2f}")
+            bars.update(
+                bars.task_ids[list(shown).index(index)], completed=step.done, figures=f"{errors}  rate {step.rate:.2f}"
+            )
 
         reports = train_experiment(experiment, lessons, folder, only=only, report=report)
     for finished in reports:
-        errors = ", ".join(f"{port} {[round(v, 3) for v in rms[-1]]}" for port, rms in finished.evaluation["rms"].items())
+        errors = ", ".join(
+            f"{port} {[round(v, 3) for v in rms[-1]]}" for port, rms in finished.evaluation["rms"].items()
+        )
         click.echo(f"phase {finished.index} {finished.region}: rms error {errors}")
     click.echo(f"weights  {folder}")

@@ -14,7 +14,8 @@ if TYPE_CHECKING:
 class CoarseFine(Code):
     """A coarse code over ``coarse.lo..coarse.hi`` beside a fine one over a part of it.
 
-    Decodes to the fine code's value unless that one is at the end of its range. Build it with :meth:`of`.
+    Decodes to the fine code's value unless that one is at the end of its range; a value that lies beyond that end, the coarse code
+    tells. Build it with :meth:`of`.
     """
 
     coarse: Code
@@ -46,7 +47,7 @@ class CoarseFine(Code):
         return torch.cat(parts, dim=-1).flatten(2)
 
     def decode(self, spikes: "Tensor") -> "Tensor":
-        """Read the fine code where it is inside its range, else the coarse one."""
+        """Read the fine code where it is inside its range, else the coarse one, which then cannot lie inside."""
         import torch
 
         steps = len(spikes)
@@ -55,5 +56,7 @@ class CoarseFine(Code):
         fine = self.fine.decode(per_component[..., self.coarse.neurons :].flatten(2))
         margin = self.coarse.resolution(steps)
         inside = (coarse >= self.fine.lo - margin) & (coarse <= self.fine.hi + margin)
-        at_the_end = (fine >= self.fine.hi) | (fine <= self.fine.lo)
-        return torch.where(inside & ~at_the_end, fine, coarse)
+        half = self.fine.resolution(steps) / 2  # rounding may leave the decoded end a little short of the end
+        read = torch.where(fine > self.fine.hi - half, coarse.clamp(min=self.fine.hi), fine)
+        read = torch.where(fine < self.fine.lo + half, coarse.clamp(max=self.fine.lo), read)
+        return torch.where(inside, read, coarse)

@@ -11,10 +11,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Code(ABC):
-    """A map between values in ``lo..hi`` (in the unit of the port that carries the code) and spikes of ``neurons`` neurons.
+    """A map between values in ``lo..hi`` (in the unit of the port that carries the code) and spikes of ``neurons``
+    neurons.
 
-    Each component of a quantity has neurons of its own: values (batch, width) become spikes (steps, batch, width * neurons),
-    0 or 1. Values out of range saturate, never wrap; :meth:`saturated` tells which ones did.
+    Each component of a quantity has neurons of its own: values (batch, width) become spikes (steps, batch, width *
+    neurons), 0 or 1. Values out of range saturate, never wrap; :meth:`saturated` tells which ones did.
     """
 
     neurons: int
@@ -38,7 +39,8 @@ class Code(ABC):
 
     @abstractmethod
     def decode(self, spikes: "Tensor") -> "Tensor":
-        """Return the values (batch, width) of ``spikes`` (steps, batch, width * neurons), differentiable where the code allows."""
+        """Return the values (batch, width) of ``spikes`` (steps, batch, width * neurons), differentiable where the
+        code allows."""
 
     @property
     def stochastic(self) -> bool:

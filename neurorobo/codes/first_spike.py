@@ -14,9 +14,9 @@ if TYPE_CHECKING:
 class TimeToFirstSpike(Code):
     """Every neuron fires once; the sum of the latencies tells the value.
 
-    ``hi`` fires at the first step, ``lo`` at the last. Of N neurons some fire one step earlier than the others, so that a window
-    of T steps resolves ``(hi - lo) / (N * (T - 1))``: the latencies ``floor((L + n) / N)``, n = 0..N-1, sum to L (Hermite's
-    identity). A neuron that stays silent counts as firing at the last step.
+    ``hi`` fires at the first step, ``lo`` at the last. Of N neurons some fire one step earlier than the others, so
+    that a window of T steps resolves ``(hi - lo) / (N * (T - 1))``: the latencies ``floor((L + n) / N)``, n = 0..N-1,
+    sum to L (Hermite's identity). A neuron that stays silent counts as firing at the last step.
     """
 
     def resolution(self, steps: int) -> float:

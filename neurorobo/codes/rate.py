@@ -12,7 +12,8 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class CountCode(Code):
-    """A code whose value is the spike count: ``lo + count * resolution``, with ``resolution = (hi - lo) / (neurons * steps)``.
+    """A code whose value is the spike count: ``lo + count * resolution``, with ``resolution = (hi - lo) / (neurons *
+    steps)``.
 
     Source of the decoder: rate decoding, Sec. IV-A of Xing et al.
     """
@@ -32,9 +33,10 @@ class CountCode(Code):
 class PopulationUniform(CountCode):
     """The nearest number of spikes, spread evenly over neurons and steps.
 
-    A value becomes ``k = round((value - lo) / resolution)`` spikes; every neuron fires at ``k / neurons`` of the steps, at even
-    intervals, the neurons out of phase with one another. Encoding and decoding again is off by at most half a resolution.
-    Source: population uniform encoding, Sec. IV-A of Xing et al.
+    A value becomes ``k = round((value - lo) / resolution)`` spikes. After t of T steps neuron n of N has fired
+    ``floor(k t / (N T) + n / N)`` times: each at even intervals, and all together ``floor(k t / T)`` times (Hermite's
+    identity), so that spikes are spread evenly over neurons and steps and never come in volleys. Encoding and decoding
+    again is off by at most half a resolution. Source: population uniform encoding, Sec. IV-A of Xing et al.
     """
 
     def encode(self, values: "Tensor", steps: int, generator: "torch.Generator | None" = None) -> "Tensor":
@@ -42,10 +44,10 @@ class PopulationUniform(CountCode):
         import torch
 
         slots = self.neurons * steps
-        count = (self.fraction(values) * slots).round().long().unsqueeze(-1)
-        filled = torch.arange(slots + 1, device=values.device) * count // slots
-        spikes = filled.diff(dim=-1).view(len(values), -1, steps)
-        return spikes.permute(2, 0, 1).to(values.dtype)
+        count = (self.fraction(values) * slots).round().long()[..., None, None]
+        shift = steps * torch.arange(self.neurons, device=values.device)[:, None]
+        fired = (torch.arange(steps + 1, device=values.device) * count + shift) // slots
+        return fired.diff(dim=-1).flatten(1, 2).permute(2, 0, 1).to(values.dtype)
 
 
 @dataclass(frozen=True)

@@ -52,8 +52,11 @@ class Document:
         return replace(self, value=value, overrides=(*self.overrides, (path, text)))
 
     def _override(self, path: DocumentPath) -> int | None:
-        places = [index for index, (place, _) in enumerate(self.overrides) if path[: len(place)] == place]
-        return places[-1] if places else None
+        """Return which override set what lies at a path or, if the file has nothing there, a part of it."""
+        set_it = [index for index, (place, _) in enumerate(self.overrides) if path[: len(place)] == place]
+        if not set_it and path not in self.marks:
+            set_it = [index for index, (place, _) in enumerate(self.overrides) if place[: len(path)] == path]
+        return set_it[-1] if set_it else None
 
 
 def load_document(path: str | Path) -> Document:
@@ -91,7 +94,7 @@ def parse_value(text: str, source: str) -> Any:
 
 def dump(value: Any) -> str:
     """Return plain values as YAML that reads back to the same, keys in their order."""
-    text: str = yaml.dump(value, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=120)
+    text: str = yaml.dump(value, Dumper=_Dumper, sort_keys=False, width=120)
     return text
 
 
@@ -174,7 +177,7 @@ class _Reader:
             if not isinstance(key, str):
                 shown = key_node.value if isinstance(key_node, ScalarNode) else "a list or mapping"
                 self._fault(key_node, path, f"a key must be text (got {shown}); put it in quotes")
-            elif key == "<<":
+            elif key == "<<" and key_node.style is None:
                 self._fault(key_node, path, "YAML 1.2 has no merge key '<<'; write the keys out")
             elif key in first:
                 line, _ = _mark(first[key])

@@ -49,8 +49,10 @@ def faults_of(error: ValidationError, model: type[BaseModel], data: object) -> l
         message = _message(details, model)
         if message not in messages:
             messages.append(message)
-    # A value that suits no member of a union has one error for each.
-    return [Fault(path, "; or ".join(messages)) for path, messages in found.items()]
+    # A value that suits no member of a union has errors for each. Those at one place are joined; where there are
+    # errors inside the value, those of other members about the whole of it are left out.
+    outer = {path[:length] for path in found for length in range(len(path))}
+    return [Fault(path, "; or ".join(messages)) for path, messages in found.items() if path not in outer]
 
 
 def validation_error(faults: Iterable[Fault], title: str) -> ValidationError:

@@ -17,13 +17,8 @@ from neurorobo.units import Duration
 Schema = dict[str, Any]
 
 
-def schema_text(registry: Registry) -> str:
-    """Return the schema as JSON, the same for the same registry."""
-    return json.dumps(experiment_schema(registry), indent=1, sort_keys=True, ensure_ascii=False) + "\n"
-
-
 def experiment_schema(registry: Registry) -> Schema:
-    """Return the schema as plain values; types that cannot be imported are left out."""
+    """Return the schema, its keys in the same order every time; types that cannot be imported are left out."""
     kinds: set[Kind] = set()
     while not (found := {note["plugged"]["kind"] for note in _notes(_generate(registry, kinds))}) <= kinds:
         kinds |= found  # a registered type can have fields of further kinds
@@ -47,10 +42,9 @@ def experiment_schema(registry: Registry) -> Schema:
 
 def _generate(registry: Registry, kinds: Iterable[Kind]) -> Schema:
     """Return the schema with `Plugged`'s notes in it, and a definition for every type of these kinds."""
-    types = {f"{kind} {name}": model for kind in kinds for name, model in _models(registry, kind)}
-    models = sorted(
-        {Experiment, Step, Repeat, *types.values()}, key=lambda model: (model.__module__, model.__qualname__)
-    )
+    types = {f"{kind} {name}": model for kind in sorted(kinds) for name, model in _models(registry, kind)}
+    unordered: set[type[BaseModel]] = {Experiment, Step, Repeat, *types.values()}
+    models = sorted(unordered, key=lambda model: (model.__module__, model.__qualname__))
     references, generated = models_json_schema([(model, "validation") for model in models], schema_generator=_Generator)
     definitions: Schema = generated["$defs"]
     names = {model: references[model, "validation"]["$ref"].removeprefix("#/$defs/") for model in models}

@@ -38,10 +38,11 @@ class Layer(nn.Module):
 
     def at_rest(self, batch: int) -> Tensor:
         """Return the resting potential (batch, neurons)."""
-        return self.projections[0].weight.new_zeros(batch, self.neurons)  # type: ignore[union-attr, operator]
+        return self.projections[0].weight.new_zeros(batch, self.neurons)  # type: ignore[operator]
 
     def forward(self, inputs: Sequence[Tensor], potential: Tensor) -> tuple[Tensor, Tensor]:
-        """Run one window: spikes (steps, batch, sources) of each projection and the potential -> spikes and the new potential."""
+        """Run one window: spikes (steps, batch, sources) of each projection and the potential -> spikes and the new
+        potential."""
         first, *rest = zip(self.projections, inputs, strict=True)
         current = first[0](first[1])
         for projection, spikes in rest:

@@ -1,8 +1,8 @@
 """One whole window of a spiking layer: the scan over time, forwards and backwards.
 
-The input currents of all steps come from one matrix product (see :mod:`neurorobo.engine.layer`); what is left is this scan. It is
-one hand-written autograd function in place of a graph of several operations per step: it keeps only the potentials and recomputes
-spikes and surrogates on the way back.
+The input currents of all steps come from one matrix product (see :mod:`neurorobo.engine.layer`); what is left is this
+scan. It is one hand-written autograd function in place of a graph of several operations per step: it keeps only the
+potentials and recomputes spikes and surrogates on the way back.
 """
 
 from typing import Any
@@ -23,10 +23,11 @@ def run_window(
 ) -> tuple[Tensor, Tensor]:
     """Run a layer of neurons through a window.
 
-    ``current`` (steps, batch, neurons) is overwritten. ``potential`` (batch, neurons) is the potential at the end of the window
-    before; it also tells which neurons fired last, since a potential is stored before its reset. ``threshold`` (neurons), if
-    given, replaces the neuron's own and may be trained. ``recurrent_weight`` (neurons, neurons), row = target, carries each
-    step's spikes to the next step. Returns spikes (steps, batch, neurons) and the last potential, differentiable in all four tensors.
+    ``current`` (steps, batch, neurons) is overwritten. ``potential`` (batch, neurons) is the potential at the end of
+    the window before; it also tells which neurons fired last, since a potential is stored before its reset.
+    ``threshold`` (neurons), if given, replaces the neuron's own and may be trained. ``recurrent_weight`` (neurons,
+    neurons), row = target, carries each step's spikes to the next step. Returns spikes (steps, batch, neurons) and
+    the last potential, differentiable in all four tensors.
     """
     if threshold is None:
         threshold = current.new_tensor(neuron.threshold)
@@ -54,7 +55,7 @@ class _Window(torch.autograd.Function):
             fired = before >= threshold
             if recurrent_weight is not None:
                 now.addmm_(fired.to(now.dtype), recurrent_weight.t())
-            now.add_(torch.where(fired, zero, before), alpha=neuron.decay)
+            now.add_(torch.where(fired, zero, before).mul_(neuron.decay))  # rounded twice, on every processor alike
             if neuron.rectify:
                 now.relu_()
             before = now

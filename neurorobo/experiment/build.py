@@ -38,7 +38,7 @@ def build_brain(experiment: Experiment, plan: Plan | None = None) -> Brain:
         region = build_region(config, experiment, generator)
         try:
             if config.weights is not None:
-                load_weights(region, _weights_path(config, experiment))
+                load_weights(region, weights_file(config, experiment))
         except NeuroroboError as error:
             faults.append(Fault(("regions", name, "weights"), str(error)))
         regions[name] = region.eval()
@@ -51,17 +51,19 @@ def build_task(experiment: Experiment) -> Task[Any] | None:
     if experiment.body is None:
         return None
     if experiment.task is None:
-        raise ConfigError([Fault(("task",), "a body needs a task that says when an episode ends; add `task: {type: ...}`")])
+        raise ConfigError(
+            [Fault(("task",), "a body needs a task that says when an episode ends; add `task: {type: ...}`")]
+        )
     body = implementation(experiment.body.implementation)(experiment.body)
     task: Task[Any] = implementation(experiment.task.implementation)(experiment.task, body)
     return task
 
 
-def _weights_path(config: RegionConfig, experiment: Experiment) -> Path:
+def weights_file(config: RegionConfig, experiment: Experiment) -> Path:
+    """Return the file that ``weights`` means: a shipped one, or a path from the folder of the experiment's file."""
     if config.weights == "pretrained":
         return pretrained_path(config, experiment.clock)
-    path = Path(config.weights or "").expanduser()
-    return path if path.is_absolute() else Path(experiment.document.source).parent / path
+    return (Path(experiment.document.source).parent / Path(config.weights or "").expanduser()).resolve()
 
 
 def implementation(target: str) -> Any:
@@ -70,7 +72,9 @@ def implementation(target: str) -> Any:
     try:
         return getattr(importlib.import_module(module), attribute)
     except (ImportError, AttributeError) as error:
-        raise NeuroroboError(f"`{target}` cannot be imported ({error}); reinstall the plugin that provides it") from error
+        raise NeuroroboError(
+            f"`{target}` cannot be imported ({error}); reinstall the plugin that provides it"
+        ) from error
 
 
 def untrained(experiment: Experiment) -> Iterable[str]:

@@ -20,7 +20,8 @@ Metrics = dict[str, float]
 
 @dataclass(frozen=True)
 class EpisodeResult:
-    """One episode: its seed, the task's metrics, and the mean firing rate of each region (spikes per neuron and step, 0..1).
+    """One episode: its seed, the task's metrics, and the mean firing rate of each region (spikes per neuron and step,
+    0..1).
 
     Rates count the neurons inside and at the output of a region, not those of the input code.
     """
@@ -41,8 +42,8 @@ def run_episodes(
 ) -> list[EpisodeResult]:
     """Run one episode per seed, all in one batch, until each has ended or ``duration_ns`` is over.
 
-    Without a task there is no body: the brain runs by itself for ``duration_ns``. ``progress`` is told the tick and how many episodes
-    are still running. What an episode does depends on its seed alone, not on the batch.
+    Without a task there is no body: the brain runs by itself for ``duration_ns``. ``progress`` is told the tick and
+    how many episodes are still running. What an episode does depends on its seed alone, not on the batch.
     """
     if task is None and duration_ns is None:
         raise ValueError("without a task, the duration must be given")
@@ -105,7 +106,8 @@ class _Watch:
     def used(self, use: Use, iteration: int, outputs: Mapping[str, Tensor]) -> None:
         """Keep the outputs of a use as numbers."""
         self.outputs[use.name] = {
-            name: value if (code := use.outputs[name].code) is None else code.decode(value) for name, value in outputs.items()
+            name: value if (code := use.outputs[name].code) is None else code.decode(value)
+            for name, value in outputs.items()
         }
 
     def probe(self, use: Use) -> Probe:

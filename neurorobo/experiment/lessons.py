@@ -42,7 +42,9 @@ def _read(phase: BaseModel, experiment: Experiment, registry: Registry) -> Itera
         raise ConfigError([Fault(("phase",), f"a {type(phase).__name__} cannot be run by `neurorobo train`")])
     pupil = experiment.regions.get(phase.region)
     if pupil is None:
-        raise ConfigError([Fault(("region",), f"there is no region `{phase.region}`{did_you_mean(phase.region, experiment.regions)}")])
+        raise ConfigError(
+            [Fault(("region",), f"there is no region `{phase.region}`{did_you_mean(phase.region, experiment.regions)}")]
+        )
     faults: list[Fault] = []
     parts: dict[str, BaseModel] = {}
     for key, kind in (("teacher", "region"), ("data", "data")):

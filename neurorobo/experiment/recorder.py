@@ -28,9 +28,9 @@ class Setting:
 class Sample:
     """One tick of a run, batch first; arrays are those of the moment and must be copied to be kept.
 
-    ``observation`` was read at the tick's start, ``given`` is what the body carried out until its end. ``outputs`` holds, for each
-    step that ran, its ports as numbers (batch, width), of its last iteration if it repeats. ``spikes`` holds (steps, batch, neurons)
-    by step and layer, for recorders that want them.
+    ``observation`` was read at the tick's start, ``given`` is what the body carried out until its end. ``outputs``
+    holds, for each step that ran, its ports as numbers (batch, width), of its last iteration if it repeats.
+    ``spikes`` holds (steps, batch, neurons) by step and layer, for recorders that want them.
     """
 
     tick: int

@@ -1,5 +1,6 @@
 """Running an experiment: brain, body and recorders, into a run folder."""
 
+import hashlib
 import sys
 from collections.abc import Sequence
 from contextlib import ExitStack
@@ -9,7 +10,7 @@ from typing import Any
 
 from neurorobo.config.document import dump
 from neurorobo.config.experiment import Experiment
-from neurorobo.experiment.build import build_brain, build_task, untrained
+from neurorobo.experiment.build import build_brain, build_task, untrained, weights_file
 from neurorobo.experiment.closed_loop import run_episodes
 from neurorobo.experiment.plan import build_plan
 from neurorobo.experiment.recorder import Recorder, Setting
@@ -41,12 +42,14 @@ def run_experiment(
 ) -> FinishedRun:
     """Run one episode per seed and write a run folder.
 
-    ``record`` replaces the recorders that the file names. An interrupted run keeps what was recorded; its ``run.json`` says
-    ``interrupted``.
+    ``record`` replaces the recorders that the file names. An interrupted run keeps what was recorded; its
+    ``run.json`` says ``interrupted``.
     """
     import torch
 
-    torch.set_num_threads(1)  # a second thread gains little in a control loop, and a busy neighbour turns it into a loss
+    torch.set_num_threads(
+        1
+    )  # a second thread gains little in a control loop, and a busy neighbour turns it into a loss
     plan = build_plan(experiment)
     brain = build_brain(experiment, plan)
     for name in untrained(experiment):
@@ -56,8 +59,9 @@ def run_experiment(
     folder = RunFolder.create(
         path,
         given=experiment.document.text,
-        resolved=dump(experiment.resolved()),
+        resolved=dump(_resolved(experiment)),
         seeds=seeds,
+        weights=_fingerprints(experiment),
         plugins={plugin.name: plugin.version for plugin in registry.plugins() if plugin.status == "loaded"},
     )
     registry.call("neurorobo_run_started", folder=path)
@@ -91,6 +95,21 @@ def run_experiment(
     return FinishedRun(folder, summary, files)
 
 
+def _resolved(experiment: Experiment) -> dict[str, Any]:
+    """Return the resolved experiment with paths that hold from any folder."""
+    resolved = experiment.resolved()
+    for name, config in experiment.regions.items():
+        if config.weights not in (None, "pretrained"):
+            resolved["regions"][name]["weights"] = str(weights_file(config, experiment))
+    return resolved
+
+
+def _fingerprints(experiment: Experiment) -> dict[str, str]:
+    """Return the SHA-256 of each region's weights file, so that it can be known again."""
+    files = {n: weights_file(config, experiment) for n, config in experiment.regions.items() if config.weights}
+    return {name: hashlib.sha256(file.read_bytes()).hexdigest() for name, file in files.items()}
+
+
 class _Bar:
     """A progress bar over ticks on the error stream; there is no telling when an episode ends, so it counts only."""
 
@@ -99,7 +118,12 @@ class _Bar:
         from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
 
         self._progress = Progress(
-            SpinnerColumn(), TextColumn("{task.description}"), TimeElapsedColumn(), console=Console(stderr=True), disable=quiet, transient=True
+            SpinnerColumn(),
+            TextColumn("{task.description}"),
+            TimeElapsedColumn(),
+            console=Console(stderr=True),
+            disable=quiet,
+            transient=True,
         )
         self._task = self._progress.add_task(f"{episodes} episodes")
 

@@ -17,7 +17,8 @@ VERSIONED = ("neurorobo", "torch", "numpy", "snntorch", "gymnasium", "rerun-sdk"
 
 
 class RunFolder:
-    """A folder with ``config.yaml`` (as given), ``config.resolved.yaml`` (complete), ``run.json`` and what the run adds.
+    """A folder with ``config.yaml`` (as given), ``config.resolved.yaml`` (complete), ``run.json`` and what the run
+    adds.
 
     ``run.json`` says ``status: running | finished | interrupted | failed``, versions, seeds, the command and the times.
     """
@@ -34,6 +35,7 @@ class RunFolder:
         given: str,
         resolved: str,
         seeds: Sequence[int],
+        weights: Mapping[str, str],
         plugins: Mapping[str, str],
     ) -> "RunFolder":
         """Make a new folder; raise :class:`NeuroroboError` if one with a run in it is there already."""
@@ -44,20 +46,25 @@ class RunFolder:
             (path / "config.yaml").write_text(given, encoding="utf-8")
             (path / "config.resolved.yaml").write_text(resolved, encoding="utf-8")
         except OSError as error:
-            raise NeuroroboError(f"{path} cannot be written ({error.strerror}); choose another folder with `--out`") from None
+            raise NeuroroboError(
+                f"{path} cannot be written ({error.strerror}); choose another folder with `--out`"
+            ) from None
         folder = cls(path)
-        folder._write_run({
-            "status": "running",
-            "started": _now(),
-            "ended": None,
-            "seeds": list(seeds),
-            "command": " ".join(["neurorobo", *sys.argv[1:]]),
-            "python": platform.python_version(),
-            "platform": platform.platform(),
-            "versions": {name: found for name in VERSIONED if (found := _version(name))},
-            "plugins": dict(plugins),
-            "git": _git_commit(),
-        })
+        folder._write_run(
+            {
+                "status": "running",
+                "started": _now(),
+                "ended": None,
+                "seeds": list(seeds),
+                "command": " ".join(["neurorobo", *sys.argv[1:]]),
+                "python": platform.python_version(),
+                "platform": platform.platform(),
+                "versions": {name: found for name in VERSIONED if (found := _version(name))},
+                "plugins": dict(plugins),
+            "weights_sha256": dict(weights),
+                "git": _git_commit(),
+            }
+        )
         return folder
 
     def finish(self, status: str) -> None:

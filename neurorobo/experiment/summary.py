@@ -14,7 +14,11 @@ def summarise(results: Sequence[EpisodeResult], higher_is_better: Collection[str
     The standard error of a single episode is ``None``: it is not known.
     """
     episodes = [
-        {"seed": result.seed, **result.metrics, **{f"firing_rate.{name}": rate for name, rate in result.firing_rates.items()}}
+        {
+            "seed": result.seed,
+            **result.metrics,
+            **{f"firing_rate.{name}": rate for name, rate in result.firing_rates.items()},
+        }
         for result in results
     ]
     figures = [name for name in episodes[0] if name != "seed"] if episodes else []

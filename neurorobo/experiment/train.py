@@ -36,8 +36,9 @@ def train_experiment(
 ) -> list[PhaseReport]:
     """Run the training phases of ``experiment`` in order, those of the regions ``only`` if given.
 
-    ``folder`` gets ``<region>.safetensors`` for each trained region, ``training.json`` with the evaluations, and checkpoints of the
-    unfinished phase. Called again with the same folder it goes on where it stopped; Ctrl-C loses nothing.
+    ``folder`` gets ``<region>.safetensors`` for each trained region, ``training.json`` with the evaluations, and
+    checkpoints of the unfinished phase. Called again with the same folder it goes on where it stopped; Ctrl-C loses
+    nothing.
     """
     unknown = set(only) - {lesson.phase.region for lesson in lessons}
     if unknown:

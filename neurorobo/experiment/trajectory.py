@@ -13,9 +13,9 @@ FILE = "trajectory.parquet"
 class TrajectoryRecorder(Recorder):
     """Writes ``trajectory.parquet``: one row per episode and tick.
 
-    Columns are ``seed``, ``tick``, ``time_s``, then ``body.<sensor>``, ``command.<actuator>`` and ``<step>.<port>``, with ``.0``, ``.1``
-    … where a quantity has several components; a step that did not run at a tick leaves its columns empty there. The column
-    metadata carry the units.
+    Columns are ``seed``, ``tick``, ``time_s``, then ``body.<sensor>``, ``command.<actuator>`` and ``<step>.<port>``,
+    with ``.0``, ``.1`` … where a quantity has several components; a step that did not run at a tick leaves its
+    columns empty there. The column metadata carry the units.
     """
 
     def __init__(self, setting: Setting) -> None:
@@ -39,7 +39,9 @@ class TrajectoryRecorder(Recorder):
             "time_s": np.full(running.sum(), sample.time_s),
         }
         groups = {"body": sample.observation, "command": sample.given}
-        groups |= {step: {name: value.numpy() for name, value in outputs.items()} for step, outputs in sample.outputs.items()}
+        groups |= {
+            step: {name: value.numpy() for name, value in outputs.items()} for step, outputs in sample.outputs.items()
+        }
         for group, values in groups.items():
             for name, value in values.items():
                 columns = value[running].T
@@ -63,7 +65,9 @@ class TrajectoryRecorder(Recorder):
             unit = self._units.get(".".join(name.split(".")[:2]))
             fields.append(pyarrow.field(name, array.type, metadata={"unit": unit} if unit else None))
             arrays.append(array)
-        table = pyarrow.table(arrays, schema=pyarrow.schema(fields)).sort_by([("seed", "ascending"), ("tick", "ascending")])
+        table = pyarrow.table(arrays, schema=pyarrow.schema(fields)).sort_by(
+            [("seed", "ascending"), ("tick", "ascending")]
+        )
         path = self.setting.folder / FILE
         pyarrow.parquet.write_table(table, path, compression="zstd")
         return path

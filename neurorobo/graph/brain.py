@@ -42,13 +42,17 @@ class BrainState:
         """Return the same state, cut off from the graph of gradients."""
         return replace(
             self,
-            regions={name: {key: value.detach() for key, value in state.items()} for name, state in self.regions.items()},
+            regions={
+                name: {key: value.detach() for key, value in state.items()} for name, state in self.regions.items()
+            },
             buffers={name: tuple(value.detach() for value in values) for name, values in self.buffers.items()},
         )
 
     def tensors(self) -> dict[str, Tensor]:
         """Return the state as named tensors, for a checkpoint; :meth:`from_tensors` is its inverse."""
-        regions = {f"region/{name}/{key}": value for name, state in self.regions.items() for key, value in state.items()}
+        regions = {
+            f"region/{name}/{key}": value for name, state in self.regions.items() for key, value in state.items()
+        }
         buffers = {f"edge/{name}/{i}": value for name, values in self.buffers.items() for i, value in enumerate(values)}
         clock = {"tick": torch.tensor(self.tick), "batch": torch.tensor(self.batch), "random": self.random}
         return {**clock, **regions, **buffers}
@@ -86,7 +90,8 @@ class Brain(nn.Module):
         return region
 
     def init_state(self, batch: int, seed: int) -> BrainState:
-        """Return the state at the start of ``batch`` independent runs; ``seed`` starts the generator of stochastic codes."""
+        """Return the state at the start of ``batch`` independent runs; ``seed`` starts the generator of stochastic
+        codes."""
         generator = torch.Generator().manual_seed(seed)
         regions = {name: self.region(name).init_state(batch) for name in self.regions}
         buffers = {edge.name: self._initial(edge, batch, generator) for edge in self.plan.edges()}
@@ -105,7 +110,9 @@ class Brain(nn.Module):
             state,
             regions={n: {k: mixed(v, start.regions[n][k], 0) for k, v in s.items()} for n, s in state.regions.items()},
             buffers={
-                name: tuple(mixed(old, new, old.dim() - 2) for old, new in zip(values, start.buffers[name], strict=True))
+                name: tuple(
+                    mixed(old, new, old.dim() - 2) for old, new in zip(values, start.buffers[name], strict=True)
+                )
                 for name, values in state.buffers.items()
             },
         )
@@ -115,8 +122,8 @@ class Brain(nn.Module):
     ) -> tuple[dict[str, Tensor], BrainState]:
         """Run everything that is due at ``state.tick``.
 
-        ``observation`` maps each sensor to numbers (batch, width). Returns the commands that are due (batch, width) by actuator,
-        and the next state. ``state`` itself is left as it was.
+        ``observation`` maps each sensor to numbers (batch, width). Returns the commands that are due (batch, width)
+        by actuator, and the next state. ``state`` itself is left as it was.
         """
         moment = _Moment(self, state, observer)
         moment.push(BODY, observation)
@@ -126,9 +133,7 @@ class Brain(nn.Module):
             else:
                 moment.run(item, 0, {})
         commands = {
-            name: moment.read(edge)
-            for name, edge in self.plan.command.items()
-            if state.tick % edge.source_period == 0
+            name: moment.read(edge) for name, edge in self.plan.command.items() if state.tick % edge.source_period == 0
         }
         return commands, moment.end()
 
@@ -147,7 +152,8 @@ def initial_value(port: Port, batch: int, steps: int, generator: torch.Generator
 
 
 def convert(value: Tensor, source: Code | None, target: Code | None, steps: int, generator: torch.Generator) -> Tensor:
-    """Bring a value from one code to another; ``None`` stands for numbers. Recoding counts, requantises and re-emits."""
+    """Bring a value from one code to another; ``None`` stands for numbers. Recoding counts, requantises and
+    re-emits."""
     if source == target:
         return value
     numbers = value if source is None else source.decode(value)

@@ -41,8 +41,8 @@ def compile_graph(
 ) -> Plan:
     """Compile a region graph.
 
-    Raises :class:`ConfigError` with every fault found: unknown names, missing inputs, quantities that do not fit, periods without
-    a read rule, steps that read what runs after them, and cycles without a delay.
+    Raises :class:`ConfigError` with every fault found: unknown names, missing inputs, quantities that do not fit,
+    periods without a read rule, steps that read what runs after them, and cycles without a delay.
     """
     return _Compiler(regions, clock, sensors).compile(steps, command, actuators)
 
@@ -64,6 +64,7 @@ class _Compiler:
     regions: Mapping[str, RegionConfig]
     clock: Clock
     sensors: Mapping[str, Channel]
+    ports: dict[str, tuple[Mapping[str, Port], Mapping[str, Port]] | None] = field(default_factory=dict)
     nodes: dict[str, _Node] = field(default_factory=dict)
     edges: list[Edge] = field(default_factory=list)
     faults: list[Fault] = field(default_factory=list)
@@ -111,38 +112,51 @@ class _Compiler:
         if step.name in self.nodes:
             self._fault(step.path, f"there is already a step `{step.name}`; give every step a name of its own")
             return
-        config = self.regions.get(step.use)
-        if config is None:
-            known = did_you_mean(step.use, self.regions)
-            self._fault((*step.path, "use"), f"there is no region `{step.use}`{known}")
+        ports = self._ports(step)
         if step.every not in self.clock.periods_ns:
             known = did_you_mean(step.every, self.clock.periods_ns)
             self._fault((*step.path, "every"), f"there is no period `{step.every}` under `time`{known}")
             period = self.clock.ticks("control")
         else:
             period = self.clock.ticks(step.every)
-        outputs = {} if config is None else config.outputs(self.clock)
+        outputs = {} if ports is None else ports[1]
         self.nodes[step.name] = _Node(step.name, position, repeat, period, outputs, step.path)
-        if config is not None:
-            ports = [*config.inputs(self.clock).values(), *outputs.values()]
-            window_ns = self.clock.window * self.clock.spike_step_ns
-            if any(port.code for port in ports) and window_ns > period * self.clock.tick_ns:
+        if ports is not None:
+            spiking = any(port.code for port in (*ports[0].values(), *outputs.values()))
+            if spiking and self.clock.window_ns > period * self.clock.tick_ns:
                 self._fault(
                     (*step.path, "every"),
-                    f"the spike window of {window_ns / 1e6:g} ms does not fit the period `{step.every}` of "
+                    f"the spike window of {self.clock.window_ns / 1e6:g} ms does not fit the period `{step.every}` of "
                     f"{period * self.clock.tick_ns / 1e6:g} ms; shorten the window or run the step less often",
                 )
+
+    def _ports(self, step: StepSpec) -> tuple[Mapping[str, Port], Mapping[str, Port]] | None:
+        """Return the ports of a step's region, or note once why they cannot be had."""
+        config = self.regions.get(step.use)
+        if config is None:
+            known = did_you_mean(step.use, self.regions)
+            self._fault((*step.path, "use"), f"there is no region `{step.use}`{known}")
+            return None
+        if step.use not in self.ports:
+            try:
+                self.ports[step.use] = config.inputs(self.clock), config.outputs(self.clock)
+            except ConfigError as error:
+                self.ports[step.use] = None
+                self.faults += error.under("regions", step.use).faults
+        return self.ports[step.use]
 
     def _check_repeat(self, block: RepeatSpec) -> None:
         periods = {step.every for step in block.steps}
         if len(periods) > 1:
-            self._fault(block.path, f"the steps of a repeat run together, but have the periods {', '.join(sorted(periods))}")
+            self._fault(
+                block.path, f"the steps of a repeat run together, but have the periods {', '.join(sorted(periods))}"
+            )
 
     def _use(self, step: StepSpec) -> Use | None:
-        node, config = self.nodes.get(step.name), self.regions.get(step.use)
-        if node is None or node.path != step.path or config is None:
+        node, known = self.nodes.get(step.name), self.ports.get(step.use)
+        if node is None or node.path != step.path or known is None:
             return None
-        ports = config.inputs(self.clock)
+        ports, _ = known
         inputs: dict[str, tuple[Edge, ...]] = {}
         for name, text in step.inputs.items():
             path = (*step.path, name)
@@ -154,7 +168,10 @@ class _Compiler:
                 inputs[name] = edges
         for name, port in ports.items():
             if name not in step.inputs and port.initial is None:
-                self._fault(step.path, f"the input `{name}` ({_describe(port)}) of `{step.use}` is not wired; add `{name}: <step>.<port>`")
+                self._fault(
+                    step.path,
+                    f"the input `{name}` ({_describe(port)}) of `{step.use}` is not wired; add `{name}: <step>.<port>`",
+                )
         defaults = {name: port for name, port in ports.items() if name not in step.inputs}
         return Use(step.name, step.use, step.state, node.period, inputs, defaults, node.outputs)
 
@@ -193,7 +210,15 @@ class _Compiler:
         return tuple(edges)
 
     def _edge(
-        self, reader: _Node, name: str, port: Port, source: Source, reference: Reference, path: Path, *, takes_over: bool
+        self,
+        reader: _Node,
+        name: str,
+        port: Port,
+        source: Source,
+        reference: Reference,
+        path: Path,
+        *,
+        takes_over: bool,
     ) -> Edge | None:
         """Resolve one source of an input, or note why it cannot be."""
         node = self.nodes.get(source.step)
@@ -207,7 +232,9 @@ class _Compiler:
             return None
         offered = node.outputs[source.port]
         if not same_unit(offered.unit, port.unit) or offered.width != port.width:
-            self._fault(path, f"`{source.step}.{source.port}` is {_describe(offered)}, but `{name}` takes {_describe(port)}")
+            self._fault(
+                path, f"`{source.step}.{source.port}` is {_describe(offered)}, but `{name}` takes {_describe(port)}"
+            )
             return None
         together = reader.repeat is not None and reader.repeat == node.repeat
         runs_first = node.position < reader.position
@@ -236,7 +263,11 @@ class _Compiler:
             self.late.append((path, reader.name, source.step))
         if source.delay_ns:
             if source.delay_ns % self.clock.tick_ns:
-                self._fault(path, f"a delay of {source.delay_ns / 1e6:g} ms is not a multiple of the tick of {self.clock.tick_ns / 1e6:g} ms")
+                self._fault(
+                    path,
+                    f"a delay of {source.delay_ns / 1e6:g} ms is not a multiple of the tick "
+                    f"of {self.clock.tick_ns / 1e6:g} ms",
+                )
                 return None
             delay = source.delay_ns // self.clock.tick_ns
             edge, needs_initial = replace(edge, delay=delay, length=-(-delay // node.period) + 1), True
@@ -249,10 +280,14 @@ class _Compiler:
                 edge = replace(edge, skip_this_tick=True, length=2)
         elif source.reading == "first":
             if node.repeat is None:
-                self._fault(path, f"`first` reads the first iteration of a repeat, and `{source.step}` is in none; leave it out")
+                self._fault(
+                    path, f"`first` reads the first iteration of a repeat, and `{source.step}` is in none; leave it out"
+                )
                 return None
             edge = replace(edge, first_iteration_only=True)
-        elif source.reading in ("sum", "mean") or (source.reading == "now" and node.period < reader.period and node.name != BODY):
+        elif source.reading in ("sum", "mean") or (
+            source.reading == "now" and node.period < reader.period and node.name != BODY
+        ):
             if source.reading == "now":
                 self._fault(
                     path,
@@ -268,7 +303,11 @@ class _Compiler:
         if source.reading in ("now", "first", "last", "sum", "mean") and not source.delay_ns and runs_first:
             self.same_tick.setdefault(reader.name, set()).add(source.step)
         if needs_initial and port.initial is None and reader.name != COMMAND:
-            self._fault(path, f"`{edge.wording}` has no value at the start, and the input `{name}` declares no initial one; read it without delay")
+            self._fault(
+                path,
+                f"`{edge.wording}` has no value at the start, and the input `{name}` declares no initial one; "
+                "read it without delay",
+            )
             return None
         return edge
 
@@ -282,7 +321,8 @@ class _Compiler:
             if chain is None:
                 self._fault(
                     path,
-                    f"`{source}` runs after `{reader}`; move `{source}` up, or read its last value: `previous {source}.…`",
+                    f"`{source}` runs after `{reader}`; "
+                    f"move `{source}` up, or read its last value: `previous {source}.…`",
                 )
             else:
                 loop = " -> ".join((*reversed(chain), chain[-1]))

@@ -15,8 +15,9 @@ Reduction = Literal["newest", "sum", "mean"]
 class Edge:
     """A connection from a source to one input, and the buffer that belongs to it.
 
-    The source pushes each new value, converted to the reader's form; the reader takes the value ``offset(tick)`` places behind the
-    newest. ``length`` values are kept, all of them ``initial`` at the start. All counts of time are in ticks.
+    The source pushes each new value, converted to the reader's form; the reader takes the value ``offset(tick)``
+    places behind the newest. ``length`` values are kept, all of them ``initial`` at the start. All counts of time are
+    in ticks.
     """
 
     reader: str
@@ -67,8 +68,8 @@ class Edge:
 class Use:
     """One invocation of a region: which state it starts from and where each input comes from.
 
-    ``inputs`` holds, per input port, the edge to read; inside a repeat a second edge may take over from the second iteration on.
-    ``defaults`` are the inputs left unwired, which carry their initial values.
+    ``inputs`` holds, per input port, the edge to read; inside a repeat a second edge may take over from the second
+    iteration on. ``defaults`` are the inputs left unwired, which carry their initial values.
     """
 
     name: str

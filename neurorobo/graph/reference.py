@@ -1,12 +1,12 @@
 """References: the words by which a step's input names its source.
 
-``plan.speed``, ``previous plan.speed``, ``first remember.mean``, ``mean act.move``, ``body.force delayed 200 ms``, and in a repeat
-``body.force then imagine.forecast``.
+``plan.speed``, ``previous plan.speed``, ``first remember.mean``, ``mean act.move``, ``body.force delayed 200 ms``,
+and in a repeat ``body.force then imagine.forecast``.
 """
 
 import re
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Literal, cast, get_args
 
 from neurorobo.errors import NeuroroboError
 from neurorobo.units import parse_duration_ns
@@ -55,4 +55,4 @@ def _parse_source(text: str) -> Source:
     words = [word for word in get_args(Reading) if word != "now"]
     if reading is not None and reading not in words:
         raise NeuroroboError(f"'{reading}' is not a way to read {step}.{port}; allowed: {', '.join(words)}")
-    return Source(step, port, reading or "now", 0 if delay is None else parse_duration_ns(delay))
+    return Source(step, port, cast(Reading, reading or "now"), 0 if delay is None else parse_duration_ns(delay))

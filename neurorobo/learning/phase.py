@@ -21,8 +21,8 @@ _FALL: Mapping[str, Callable[[float], float]] = {
 class DataConfig(BaseModel):
     """Base of the configuration of a source of training data; it must not import torch.
 
-    ``implementation`` names the class behind it, as ``"package.module:Class"``: built from the configuration and the clock, it is a
-    :class:`neurorobo.learning.supervise.Data`.
+    ``implementation`` names the class behind it, as ``"package.module:Class"``: built from the configuration and the
+    clock, it is a :class:`neurorobo.learning.supervise.Data`.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
@@ -35,14 +35,16 @@ class DataConfig(BaseModel):
 class Unroll(BaseModel):
     """An outer recurrence to train through: the region runs ``windows`` times, and so does its teacher.
 
-    Before each further window the outputs named in ``feedback`` become inputs; the other inputs stay as they are. The loss of
-    window i counts ``discount**i``, i = 0, 1, ...
+    Before each further window the outputs named in ``feedback`` become inputs; the other inputs stay as they are. The
+    loss of window i counts ``discount**i``, i = 0, 1, ...
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     windows: int = Field(ge=1)
-    feedback: dict[str, str] = Field(default={}, description="The output port that each input port takes its next value from.")
+    feedback: dict[str, str] = Field(
+        default={}, description="The output port that each input port takes its next value from."
+    )
     discount: float = Field(default=1.0, gt=0, le=1)
 
 
@@ -68,7 +70,9 @@ class SupervisePhase(BaseModel):
     unroll: Unroll = Unroll(windows=1)
     steps: int = Field(ge=1)
     batch: int = Field(default=32, ge=1)
-    learning_rate: float = Field(default=1e-3, gt=0)
+    learning_rate: float = Field(
+        default=0.02, gt=0, description="Adam's, for a fan-in of one; other weights get it divided by its root."
+    )
     schedule: Literal["constant", "linear", "cosine"] = Field(
         default="cosine", description="How the learning rate goes on from its peak: it stays, or falls to zero."
     )

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Protocol
+from typing import Any, Protocol
 
 import torch
 from safetensors import SafetensorError, safe_open
@@ -26,12 +26,12 @@ class Data(Protocol):
     """A source of training inputs."""
 
     def draw(self, batch: int, generator: torch.Generator) -> Mapping[str, Tensor]:
-        """Return numbers (batch, width), in the unit of the port, for inputs of the region and of its teacher by name."""
+        """Return numbers (batch, width) for the inputs of the region and of its teacher, in the ports' units."""
 
 
 @dataclass(frozen=True)
 class Progress:
-    """One training step: how many are ``done`` of ``steps``, the loss, the rms error of each output, and the mean firing rate.
+    """Where a phase is: steps done of all, and the last one's loss, rms error of each output and mean firing rate.
 
     Errors are in the unit of the port, over the batch, all components and all windows.
     """
@@ -45,7 +45,7 @@ class Progress:
 
 @dataclass(frozen=True)
 class Evaluation:
-    """How far a region is from its teacher, in the unit of each port (windows, width), and the mean firing rate of each layer."""
+    """How far a region is from its teacher, (windows, width) in the ports' units, and how fast each layer fires."""
 
     rms: Mapping[str, Tensor]
     largest: Mapping[str, Tensor]
@@ -73,19 +73,19 @@ def supervise(
 ) -> None:
     """Train ``region`` in place; ``generator`` draws the data.
 
-    With ``checkpoints`` an interrupted phase goes on where it stopped, to the very same weights; the file is removed at the end.
-    Ctrl-C ends the step, writes the checkpoint and raises KeyboardInterrupt. Raises ConfigError if the phase does not fit the region,
-    NeuroroboError if the data or a checkpoint do not.
+    With ``checkpoints`` an interrupted phase goes on where it stopped, to the very same weights; the file is removed
+    at the end. Ctrl-C ends the step, writes the checkpoint and raises KeyboardInterrupt. Raises ConfigError if the
+    phase does not fit the region, NeuroroboError if the data or a checkpoint do not.
     """
     phase.check(region.input_ports, region.output_ports)
     lesson = _Lesson(region, teacher, phase.unroll, phase.unit_errors(region.output_ports))
     with _trainable(region, phase) as parameters, _deferred_interrupt() as interrupted, _products(phase.precision):
-        optimiser = torch.optim.Adam(parameters.values(), lr=phase.learning_rate, betas=(0.9, 0.99), fused=True)
+        optimiser = torch.optim.Adam(_by_fan_in(parameters.values()), betas=(0.9, 0.99), fused=True)
         first = _resume(checkpoints, region, phase, parameters, optimiser, generator)
         saved_at = time.monotonic()
         for step in range(first, phase.steps):
             for group in optimiser.param_groups:
-                group["lr"] = phase.learning_rate_at(step)
+                group["lr"] = phase.learning_rate_at(step) * group["scale"]
             rates = _Rates()
             errors = lesson.errors(data.draw(phase.batch, generator), rates)
             loss = lesson.loss(errors) + phase.rate_penalty * rates.mean()
@@ -160,39 +160,46 @@ class _Lesson:
     def errors(self, values: Mapping[str, Tensor], probe: Probe) -> dict[str, Tensor]:
         """Return what the region says minus what the teacher says, (windows, batch, width) of each taught output."""
         batch = len(next(iter(values.values())))
-        inputs = {name: _encode(port, _value(name, port, values, batch), self.region) for name, port in self.region.input_ports.items()}
+        inputs = {
+            name: self._encode(port, _value(name, port, values, batch))
+            for name, port in self.region.input_ports.items()
+        }
         told = {name: _value(name, port, values, batch) for name, port in self.teacher.input_ports.items()}
         state, teacher_state = self.region.init_state(batch), self.teacher.init_state(batch)
         errors: dict[str, list[Tensor]] = {name: [] for name in self.unit_errors}
-        for window in range(self.unroll.windows):
-            if window:
-                inputs |= {to: self._recode(to, source, outputs[source]) for to, source in self.unroll.feedback.items()}
-                told |= {to: wanted[source] for to, source in self.unroll.feedback.items()}
-            outputs, state = self._run(self.region, inputs, state, probe)
+        for _ in range(self.unroll.windows):
+            outputs, state = _run(self.region, inputs, state, probe)
             with torch.no_grad():
-                wanted, teacher_state = self._run(self.teacher, told, teacher_state, None)
+                wanted, teacher_state = _run(self.teacher, told, teacher_state, None)
             for name, error in errors.items():
                 port = self.region.output_ports[name]
                 error.append(_decode(port, outputs[name]) - _within(port, wanted[name]))
+            for target, source in self.unroll.feedback.items():
+                inputs[target] = self._recode(target, source, outputs[source])
+                told[target] = wanted[source]
         return {name: torch.stack(error) for name, error in errors.items()}
 
     def loss(self, errors: Mapping[str, Tensor]) -> Tensor:
-        """Return the mean over outputs of the squared error, in units of the error that counts as one, summed over windows."""
+        """Return the mean over outputs of the squared error, in units of the one that counts as one, over windows."""
         discount = self.unroll.discount ** torch.arange(self.unroll.windows)
         squares = [(error / self.unit_errors[name]).square().mean((1, 2)) for name, error in errors.items()]
         return (torch.stack(squares).mean(0) * discount).sum()
 
-    @staticmethod
-    def _run(
-        region: Region, inputs: Mapping[str, Tensor], state: State, probe: Probe | None
-    ) -> tuple[dict[str, Tensor], State]:
-        outputs, after = region.step(inputs, state, probe)
-        return outputs, state if region.config.carry == "never" else after
-
     def _recode(self, target: str, source: str, values: Tensor) -> Tensor:
         """Turn an output of the region into its own input: equal codes connect directly."""
         port, output = self.region.input_ports[target], self.region.output_ports[source]
-        return values if port.code == output.code else _encode(port, _decode(output, values), self.region)
+        return values if port.code == output.code else self._encode(port, _decode(output, values))
+
+    def _encode(self, port: Port, values: Tensor) -> Tensor:
+        return values if port.code is None else port.code.encode(values, self.region.clock.window)
+
+
+def _run(
+    region: Region, inputs: Mapping[str, Tensor], state: State, probe: Probe | None
+) -> tuple[dict[str, Tensor], State]:
+    """Run one window; a region that never carries its state starts the next one at rest."""
+    outputs, after = region.step(inputs, state, probe)
+    return outputs, state if region.config.carry == "never" else after
 
 
 def _value(name: str, port: Port, values: Mapping[str, Tensor], batch: int) -> Tensor:
@@ -203,10 +210,6 @@ def _value(name: str, port: Port, values: Mapping[str, Tensor], batch: int) -> T
     return torch.tensor(port.initial).expand(batch, -1)
 
 
-def _encode(port: Port, values: Tensor, region: Region) -> Tensor:
-    return values if port.code is None else port.code.encode(values, region.clock.window)
-
-
 def _decode(port: Port, values: Tensor) -> Tensor:
     return values if port.code is None else port.code.decode(values)
 
@@ -214,6 +217,11 @@ def _decode(port: Port, values: Tensor) -> Tensor:
 def _within(port: Port, values: Tensor) -> Tensor:
     """Clip what is wanted to what the port can say."""
     return values if port.code is None else values.clamp(port.code.lo, port.code.hi)
+
+
+def _by_fan_in(parameters: Iterable[nn.Parameter]) -> list[dict[str, Any]]:
+    """Return Adam's groups: each parameter is to move in proportion to what it was drawn from, 1/sqrt(fan-in)."""
+    return [{"params": [parameter], "scale": parameter.shape[-1] ** -0.5} for parameter in parameters]
 
 
 @contextmanager
@@ -242,7 +250,7 @@ def _trainable(region: Region, phase: SupervisePhase) -> Iterator[dict[str, nn.P
 @contextmanager
 def _products(precision: str) -> Iterator[None]:
     """Let matrix products round their factors to bf16, in which spikes are exact; sums stay float32."""
-    matmul = torch.backends.mkldnn.matmul
+    matmul = torch.backends.mkldnn.matmul  # type: ignore[attr-defined] # torch's stubs lag behind
     before = matmul.fp32_precision
     matmul.fp32_precision = "bf16" if precision == "bf16" else "ieee"
     try:
@@ -280,7 +288,7 @@ def _save(
     optimiser: torch.optim.Adam,
     generator: torch.Generator,
 ) -> None:
-    """Write one safetensors file, with the JSON of step and phase in its header, beside the old one and then in its place."""
+    """Write one safetensors file, step and phase as JSON in its header, beside the old one and then in its place."""
     tensors = {f"region.{name}": tensor for name, tensor in region.state_dict().items()}
     for name, parameter in parameters.items():
         tensors |= {f"adam.{key}.{name}": tensor for key, tensor in optimiser.state[parameter].items()}
@@ -288,7 +296,9 @@ def _save(
     header = {"done": done, "phase": phase.model_dump(mode="json")}
     file.parent.mkdir(parents=True, exist_ok=True)
     unfinished = file.with_suffix(".unfinished")
-    save_file({name: tensor.contiguous() for name, tensor in tensors.items()}, unfinished, {"checkpoint": json.dumps(header)})
+    save_file(
+        {name: tensor.contiguous() for name, tensor in tensors.items()}, unfinished, {"checkpoint": json.dumps(header)}
+    )
     os.replace(unfinished, file)
 
 
@@ -308,11 +318,19 @@ def _resume(
             header = json.loads(opened.metadata()["checkpoint"])
             tensors = {name: opened.get_tensor(name) for name in opened.keys()}  # noqa: SIM118 (not a mapping)
         if header["phase"] != phase.model_dump(mode="json"):
-            raise NeuroroboError(f"{checkpoints.file} belongs to another training phase; remove it to start this one afresh")
-        region.load_state_dict({name.removeprefix("region."): t for name, t in tensors.items() if name.startswith("region.")})
+            raise NeuroroboError(
+                f"{checkpoints.file} belongs to another training phase; remove it to start this one afresh"
+            )
+        region.load_state_dict(
+            {name.removeprefix("region."): t for name, t in tensors.items() if name.startswith("region.")}
+        )
         for name, parameter in parameters.items():
-            optimiser.state[parameter] = {key: tensors[f"adam.{key}.{name}"] for key in ("step", "exp_avg", "exp_avg_sq")}
+            optimiser.state[parameter] = {
+                key: tensors[f"adam.{key}.{name}"] for key in ("step", "exp_avg", "exp_avg_sq")
+            }
         generator.set_state(tensors["generator"])
         return int(header["done"])
     except (SafetensorError, KeyError, TypeError, ValueError, RuntimeError) as error:
-        raise NeuroroboError(f"{checkpoints.file} is not a checkpoint of this region ({error}); remove it to start afresh") from error
+        raise NeuroroboError(
+            f"{checkpoints.file} is not a checkpoint of this region ({error}); remove it to start afresh"
+        ) from error

@@ -14,9 +14,9 @@ SurrogateShape = Literal["rectangular", "triangular", "arctan", "fast_sigmoid"]
 class Surrogate:
     """What stands for the derivative of the firing step, as a function of the distance to the threshold.
 
-    ``width`` is the full width at half maximum, in units of the membrane potential; every shape has area one, so shapes can be
-    exchanged without retuning the learning rate. Sources: rectangular, Wu et al. 2018 (STBP); arctan, Fang et al. 2021;
-    fast sigmoid, Zenke and Ganguli 2018; triangular, Bellec et al. 2018.
+    ``width`` is the full width at half maximum, in units of the membrane potential; every shape has area one, so
+    shapes can be exchanged without retuning the learning rate. Sources: rectangular, Wu et al. 2018 (STBP); arctan,
+    Fang et al. 2021; fast sigmoid, Zenke and Ganguli 2018; triangular, Bellec et al. 2018.
     """
 
     shape: SurrogateShape = "rectangular"

@@ -7,8 +7,6 @@ from typing import TYPE_CHECKING, Any
 from pluggy import HookimplMarker, HookspecMarker
 
 if TYPE_CHECKING:
-    import click
-
     from neurorobo.plugins.registry import Registrar
 
 hookspec = HookspecMarker("neurorobo")
@@ -18,11 +16,6 @@ hookimpl = HookimplMarker("neurorobo")
 @hookspec
 def neurorobo_register(registry: "Registrar") -> None:
     """Register types by calling ``registry.add``; import nothing heavy here, targets are strings."""
-
-
-@hookspec
-def neurorobo_commands(group: "click.Group") -> None:
-    """Add subcommands to the command line; import what they need inside them."""
 
 
 @hookspec

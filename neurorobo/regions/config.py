@@ -26,11 +26,11 @@ class RegionConfig(BaseModel, ABC):
     type: str
     weights: str | None = Field(
         default=None,
-        description="`pretrained` for the weights shipped with the plugin, or the path of a safetensors file; fresh ones if left out.",
+        description="`pretrained` for the shipped weights, or the path of a safetensors file; fresh ones if left out.",
     )
     carry: Literal["never", "repeat", "always"] = Field(
         default="never",
-        description="How long the state lives on: every use starts at rest, it survives within a repeat block, or always.",
+        description="How long the state lives: every use starts at rest, it survives within a repeat, or always.",
     )
 
     @abstractmethod

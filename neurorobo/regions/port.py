@@ -7,10 +7,12 @@ from neurorobo.codes import Code
 
 @dataclass(frozen=True)
 class Port:
-    """A typed end of an edge: a quantity of ``width`` components in ``unit``, as numbers or, with a ``code``, as spikes.
+    """A typed end of an edge: a quantity of ``width`` components in ``unit``, as numbers or, with a ``code``, as
+    spikes.
 
-    Numbers are tensors (batch, width); spikes are tensors (steps, batch, width * code.neurons) of 0 and 1. ``initial`` is the value
-    of an input before its source has spoken, in ``unit``, one number per component; an input that has one may be left unwired.
+    Numbers are tensors (batch, width); spikes are tensors (steps, batch, width * code.neurons) of 0 and 1.
+    ``initial`` is the value of an input before its source has spoken, in ``unit``, one number per component; an input
+    that has one may be left unwired.
     """
 
     unit: str

@@ -25,8 +25,8 @@ class Probe(Protocol):
 class Region(nn.Module, ABC):
     """A brain region: typed ports, parameters, and an explicit state.
 
-    Parameters live on the module, state never does: :meth:`step` assigns no attribute, so that one region can be used several
-    times in a control period, on batches of any size, in any order.
+    Parameters live on the module, state never does: :meth:`step` assigns no attribute, so that one region can be used
+    several times in a control period, on batches of any size, in any order.
     """
 
     def __init__(self, config: RegionConfig, clock: Clock, generator: torch.Generator) -> None:

@@ -1,7 +1,7 @@
 """Weights on disk: safetensors files, in fixed point when they are shipped.
 
-A shipped weight is an integer times a power of two. Sums of such weights over spikes are exact in float32, so that a region gives
-the same spikes whatever the batch, the number of threads or the order of summation.
+A shipped weight is an integer times a power of two. Sums of such weights over spikes are exact in float32, so that a
+region gives the same spikes whatever the batch, the number of threads or the order of summation.
 """
 
 import hashlib
@@ -34,7 +34,7 @@ def signature_hash(config: RegionConfig, clock: Clock) -> str:
 
 def to_grid(tensor: Tensor, bits: int = GRID_BITS) -> Tensor:
     """Round to multiples of ``2**-bits``."""
-    return (tensor * 2**bits).round() / 2**bits
+    return torch.round(tensor * 2**bits) / 2**bits
 
 
 def save_weights(
@@ -42,8 +42,9 @@ def save_weights(
 ) -> None:
     """Write the weights of a region, replacing the file at once or not at all.
 
-    ``notes`` go into the file's metadata. ``bits`` asks for fixed point with that many fractional bits (one number, or one per
-    tensor name); without it floats are stored as they are. Raises :class:`NeuroroboError` if a weight does not fit 16 bits.
+    ``notes`` go into the file's metadata. ``bits`` asks for fixed point with that many fractional bits (one number,
+    or one per tensor name); without it floats are stored as they are. Raises :class:`NeuroroboError` if a weight does
+    not fit 16 bits.
     """
     tensors: dict[str, Tensor] = {}
     grids: dict[str, int] = {}
@@ -69,25 +70,37 @@ def save_weights(
 def load_weights(region: Region, path: Path) -> dict[str, str]:
     """Fill a region with the weights of a file and return the file's metadata.
 
-    Raises :class:`NeuroroboError` if the file cannot be read, was written by something else, or does not fit the region.
+    Raises :class:`NeuroroboError` if the file cannot be read, was written by something else, or does not fit the
+    region.
     """
     try:
         with safe_open(path, framework="pt") as file:
             metadata = dict(file.metadata() or {})
             stored = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (not a mapping)
     except FileNotFoundError:
-        raise NeuroroboError(f"there is no weights file {path}; train the region, or say `weights: pretrained`") from None
+        raise NeuroroboError(
+            f"there is no weights file {path}; train the region, or say `weights: pretrained`"
+        ) from None
     except (SafetensorError, OSError, ValueError) as error:
         raise NeuroroboError(f"{path} is not a whole safetensors file ({error}); copy or train it again") from None
     if metadata.get("format") != FORMAT:
         raise NeuroroboError(f"{path} was not written by neurorobo; give a file written by `neurorobo train`")
     wanted = region.state_dict()
     if faults := _mismatches(wanted, stored):
-        raise NeuroroboError(f"{path} does not fit this region: {'; '.join(faults)}; train the region as it is configured now")
+        raise NeuroroboError(
+            f"{path} does not fit this region: {'; '.join(faults)}; train the region as it is configured now"
+        )
     grids = json.loads(metadata.get("fractional_bits", "{}"))
-    values = {name: tensor.to(wanted[name].dtype) / 2 ** grids[name] if name in grids else tensor for name, tensor in stored.items()}
-    if broken := [name for name, tensor in values.items() if tensor.is_floating_point() and not tensor.isfinite().all()]:
-        raise NeuroroboError(f"{path} holds weights that are not numbers, in {', '.join(broken)}; train the region again")
+    values = {
+        name: tensor.to(wanted[name].dtype) / 2 ** grids[name] if name in grids else tensor
+        for name, tensor in stored.items()
+    }
+    if broken := [
+        name for name, tensor in values.items() if tensor.is_floating_point() and not tensor.isfinite().all()
+    ]:
+        raise NeuroroboError(
+            f"{path} holds weights that are not numbers, in {', '.join(broken)}; train the region again"
+        )
     region.load_state_dict({name: tensor.to(wanted[name].dtype) for name, tensor in values.items()})
     return metadata
 
@@ -105,8 +118,8 @@ def pretrained_path(config: RegionConfig, clock: Clock) -> Path:
     there = sorted(folder.glob(f"{stem}-*.safetensors"))
     cards = [f"{file.name} ({_note(file)})" for file in there]
     raise NeuroroboError(
-        f"no shipped weights fit this `{config.type}` ({path.name} is wanted); there are: {', '.join(cards) or 'none'}; "
-        "use one of their configurations, or train this one"
+        f"no shipped weights fit this `{config.type}` ({path.name} is wanted); "
+        f"there are: {', '.join(cards) or 'none'}; use one of their configurations, or train this one"
     )
 
 
@@ -123,7 +136,9 @@ def _smallest_integers(name: str, tensor: Tensor) -> Tensor:
         if limits.min <= low and high <= limits.max:
             return tensor.to(dtype)
     if tensor.is_floating_point():
-        raise NeuroroboError(f"the weights `{name}` reach {max(-low, high)} steps of their grid, more than 16 bits hold; use fewer bits")
+        raise NeuroroboError(
+            f"the weights `{name}` reach {max(-low, high)} steps of their grid, more than 16 bits hold; use fewer bits"
+        )
     return tensor.to(torch.int32)
 
 

@@ -10,18 +10,19 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from neurorobo.bodies import Actuator, Array, Body, Sensor, Supervisor
+from neurorobo.bodies import Actuator, Body, Sensor, Supervisor
 from neurorobo.tasks.task import Task
 
 Observation = dict[str, NDArray[np.float32]]
 Factory = Callable[[], Task[Body]]
 
 
-class TaskVectorEnv(VectorEnv[Observation, Observation, Array]):
+class TaskVectorEnv(VectorEnv[Observation, Observation, NDArray[Any]]):
     """A batch of episodes that move together; finished ones start again in the same step.
 
     Observations and actions are dictionaries of sensors and actuators, in their own units (float32). Every step lasts
-    ``period_ns``. ``info`` carries the task's metrics and the number of command interventions of episodes that just ended.
+    ``period_ns``. Of episodes that just ended, ``info`` carries the last observation (``final_obs``), and the task's
+    metrics and the number of command interventions (``final_info``), in Gymnasium's own form.
     """
 
     metadata = {"autoreset_mode": AutoresetMode.SAME_STEP}  # noqa: RUF012 (Gymnasium's own attribute)
@@ -43,7 +44,11 @@ class TaskVectorEnv(VectorEnv[Observation, Observation, Array]):
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, dict[str, Any]]:
         """Start every episode; ``seed`` + i, or the i-th of a sequence, seeds the i-th one."""
-        seeds = [None if seed is None else seed + i for i in range(self.num_envs)] if not isinstance(seed, Sequence) else seed
+        seeds = (
+            [None if seed is None else seed + i for i in range(self.num_envs)]
+            if not isinstance(seed, Sequence)
+            else seed
+        )
         episode_seeds = []
         for i, chosen in enumerate(seeds):
             if chosen is not None:
@@ -54,24 +59,25 @@ class TaskVectorEnv(VectorEnv[Observation, Observation, Array]):
         self.task.reset(self.num_envs)
         return self._observation(), {}
 
-    def step(self, actions: Observation) -> tuple[Observation, Array, NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]]:
+    def step(
+        self, actions: Observation
+    ) -> tuple[Observation, NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]:
         """Carry out one action per episode."""
         running = np.ones(self.num_envs, dtype=np.bool_)
         commands = {name: np.asarray(value, dtype=np.float64) for name, value in actions.items()}
         self.supervisor.advance(commands, self.period_ns, running)
         self.task.observe(self.period_ns, running)
-        reward, terminated, truncated = self.task.reward(), self.task.terminated(), self.task.truncated()
+        # Copies, as the new start below may write into what the task returned.
+        reward = self.task.reward().copy()
+        terminated, truncated = self.task.terminated().copy(), self.task.truncated().copy()
         done = terminated | truncated
         info: dict[str, Any] = {}
         if done.any():
-            last = self._observation()
-            metrics = self.task.metrics()
-            info = {
-                "final_obs": _objects([{k: v[i] for k, v in last.items()} if done[i] else None for i in range(self.num_envs)]),
-                "_final_obs": done,
-                "final_info": _objects([self._final_info(metrics[i], i) if done[i] else None for i in range(self.num_envs)]),
-                "_final_info": done,
-            }
+            last, metrics = self._observation(), self.task.metrics()
+            for i in np.flatnonzero(done):
+                final = {**metrics[i], "command_interventions": float(self.supervisor.interventions[i])}
+                ended = {"final_obs": {name: values[i] for name, values in last.items()}, "final_info": final}
+                info = self._add_info(info, ended, i)
             seeds = [int(self._seeds[i].integers(2**31)) for i in np.flatnonzero(done)]
             self.body.reset(seeds, done)
             self.task.reset(self.num_envs, done)
@@ -82,14 +88,10 @@ class TaskVectorEnv(VectorEnv[Observation, Observation, Array]):
         """Stop the body."""
         self.body.stop()
 
-    def _final_info(self, metrics: dict[str, float], i: int) -> dict[str, float]:
-        return {**metrics, "command_interventions": float(self.supervisor.interventions[i])}
-
     def _observation(self) -> Observation:
         return {
-            name: np.clip(values, space.low, space.high).astype(np.float32)
-            for (name, values) in self.body.read().items()
-            if isinstance(space := self.single_observation_space[name], Box)
+            name: np.clip(values, self.body.sensors[name].lo, self.body.sensors[name].hi).astype(np.float32)
+            for name, values in self.body.read().items()
         }
 
 
@@ -102,7 +104,9 @@ class TaskEnv(gymnasium.Env[Observation, Observation]):
         self.observation_space = self._batch.single_observation_space
         self.action_space = self._batch.single_action_space
 
-    def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Observation, dict[str, Any]]:
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
         """Start an episode."""
         super().reset(seed=seed)
         if seed is None:
@@ -115,7 +119,8 @@ class TaskEnv(gymnasium.Env[Observation, Observation]):
         batched = {name: np.asarray(value)[None] for name, value in action.items()}
         observation, reward, terminated, truncated, info = self._batch.step(batched)
         if terminated[0] or truncated[0]:
-            observation_now, info = info["final_obs"][0], info["final_info"][0]
+            figures = info["final_info"].items()  # arrays of one, each with a mask under `_` and its name
+            observation_now, info = info["final_obs"][0], {k: float(v[0]) for k, v in figures if not k.startswith("_")}
         else:
             observation_now, info = _first(observation), {}
         return observation_now, float(reward[0]), bool(terminated[0]), bool(truncated[0]), info
@@ -126,17 +131,13 @@ class TaskEnv(gymnasium.Env[Observation, Observation]):
 
 
 def _space(channels: dict[str, Sensor] | dict[str, Actuator]) -> Dict:
-    return Dict({
-        name: Box(np.float32(channel.lo), np.float32(channel.hi), (channel.width,), np.float32)
-        for name, channel in channels.items()
-    })
+    return Dict(
+        {
+            name: Box(np.float32(channel.lo), np.float32(channel.hi), (channel.width,), np.float32)
+            for name, channel in channels.items()
+        }
+    )
 
 
 def _first(observation: Observation) -> Observation:
     return {name: values[0] for name, values in observation.items()}
-
-
-def _objects(values: Sequence[object]) -> NDArray[np.object_]:
-    array = np.empty(len(values), dtype=object)
-    array[:] = values
-    return array

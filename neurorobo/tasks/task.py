@@ -27,8 +27,9 @@ class TaskConfig(BaseModel):
 class Task(ABC, Generic[BodyType]):
     """A goal for a batch of bodies.
 
-    ``higher_is_better`` names the metrics of which the smallest value is the worst; of all others it is the largest. ``scene``, as
-    ``"package.module:Class"``, is what draws the body in recordings (:class:`neurorobo.views.recording.Scene`).
+    ``higher_is_better`` names the metrics of which the smallest value is the worst; of all others it is the largest.
+    ``scene``, as ``"package.module:Class"``, is what draws the body in recordings
+    (:class:`neurorobo.views.recording.Scene`).
     """
 
     higher_is_better: ClassVar[frozenset[str]] = frozenset({"success"})
@@ -44,7 +45,8 @@ class Task(ABC, Generic[BodyType]):
 
     @abstractmethod
     def observe(self, duration_ns: int, running: Flags) -> None:
-        """Take note of a motion of ``duration_ns`` that has just ended, in the episodes that are ``running`` (batch)."""
+        """Take note of a motion of ``duration_ns`` that has just ended, in the episodes that are ``running``
+        (batch)."""
 
     @abstractmethod
     def reward(self) -> Array:

@@ -6,7 +6,8 @@ from neurorobo.graph.plan import Edge, Plan, Repeat
 
 
 def mermaid_lines(plan: Plan) -> Iterator[str]:
-    """Yield a flowchart: steps as boxes, repeats as frames, edges labelled with port and unit, dotted if they read the past."""
+    """Yield a flowchart: steps as boxes, repeats as frames, edges labelled with port and unit, dotted if they read
+    the past."""
     yield "flowchart LR"
     if "body" in plan.outgoing:
         yield '  body(["body"])'
@@ -14,7 +15,7 @@ def mermaid_lines(plan: Plan) -> Iterator[str]:
         if isinstance(item, Repeat):
             yield f'  subgraph repeat{i}["{item.count} times"]'
             for use in item.uses:
-                yield f'    {_node(use.name, use.region)}'
+                yield f"    {_node(use.name, use.region)}"
             yield "  end"
         else:
             yield f"  {_node(item.name, item.region)}"

@@ -19,7 +19,9 @@ CLOCK = Clock({"control": 1000 * MS, "fast": 250 * MS}, MS, 50)
 
 
 def brain_of(
-    regions: Mapping[str, RegionConfig], steps: Sequence[StepSpec | RepeatSpec], command: Mapping[str, str] | None = None
+    regions: Mapping[str, RegionConfig],
+    steps: Sequence[StepSpec | RepeatSpec],
+    command: Mapping[str, str] | None = None,
 ) -> Brain:
     plan = compile_graph(
         steps, command or {}, regions, CLOCK, {"force": Sensor("mN")}, {name: Sensor("mN") for name in command or {}}
@@ -43,7 +45,9 @@ class Listener:
         return None
 
 
-def run(brain: Brain, forces: Sequence[float], state: BrainState | None = None) -> tuple[list[tuple[int, str, int, float]], BrainState]:
+def run(
+    brain: Brain, forces: Sequence[float], state: BrainState | None = None
+) -> tuple[list[tuple[int, str, int, float]], BrainState]:
     state = state or brain.init_state(1, seed=0)
     listener = Listener()
     for force in forces:
@@ -58,8 +62,20 @@ def values(seen: Sequence[tuple[int, str, int, float]], name: str) -> list[float
 
 def test_previous_reads_the_value_before_this_tick_wherever_the_source_stands() -> None:
     regions = {"add": AddConfig()}
-    before = brain_of(regions, [StepSpec("x", "add", every="fast", inputs={"a": "body.force"}), StepSpec("y", "add", every="fast", inputs={"a": "previous x.sum"})])
-    after = brain_of(regions, [StepSpec("y", "add", every="fast", inputs={"a": "previous x.sum"}), StepSpec("x", "add", every="fast", inputs={"a": "body.force"})])
+    before = brain_of(
+        regions,
+        [
+            StepSpec("x", "add", every="fast", inputs={"a": "body.force"}),
+            StepSpec("y", "add", every="fast", inputs={"a": "previous x.sum"}),
+        ],
+    )
+    after = brain_of(
+        regions,
+        [
+            StepSpec("y", "add", every="fast", inputs={"a": "previous x.sum"}),
+            StepSpec("x", "add", every="fast", inputs={"a": "body.force"}),
+        ],
+    )
     for brain in (before, after):
         seen, _ = run(brain, [10, 20, 30])
         assert values(seen, "y") == [1.0, 12.0, 22.0]
@@ -74,7 +90,10 @@ def test_an_accumulator_through_previous_itself() -> None:
 def test_slow_steps_run_at_their_period_and_fast_readers_see_the_held_value() -> None:
     brain = brain_of(
         {"add": AddConfig()},
-        [StepSpec("slow", "add", inputs={"a": "body.force"}), StepSpec("quick", "add", every="fast", inputs={"a": "slow.sum"})],
+        [
+            StepSpec("slow", "add", inputs={"a": "body.force"}),
+            StepSpec("quick", "add", every="fast", inputs={"a": "slow.sum"}),
+        ],
     )
     seen, _ = run(brain, [1, 2, 3, 4, 5, 6])
     assert values(seen, "slow") == [2, 6]
@@ -85,7 +104,10 @@ def test_slow_steps_run_at_their_period_and_fast_readers_see_the_held_value() ->
 def test_slow_readers_of_fast_sources_read_by_their_rule(rule: str, expected: list[float]) -> None:
     brain = brain_of(
         {"add": AddConfig(), "plain": AddConfig(amount=0.0)},
-        [StepSpec("slow", "plain", inputs={"a": f"{rule} quick.sum"}), StepSpec("quick", "add", every="fast", inputs={"a": "body.force"})],
+        [
+            StepSpec("slow", "plain", inputs={"a": f"{rule} quick.sum"}),
+            StepSpec("quick", "add", every="fast", inputs={"a": "body.force"}),
+        ],
     )
     seen, _ = run(brain, [1, 2, 3, 4, 5, 6, 7, 8, 9])
     assert values(seen, "slow")[0] == 0.0
@@ -94,7 +116,10 @@ def test_slow_readers_of_fast_sources_read_by_their_rule(rule: str, expected: li
 
 @pytest.mark.parametrize("delay_ms", [250, 500, 1000, 1750])
 def test_a_delay_shifts_by_whole_ticks(delay_ms: int) -> None:
-    brain = brain_of({"plain": AddConfig(amount=0.0)}, [StepSpec("x", "plain", every="fast", inputs={"a": f"body.force delayed {delay_ms} ms"})])
+    brain = brain_of(
+        {"plain": AddConfig(amount=0.0)},
+        [StepSpec("x", "plain", every="fast", inputs={"a": f"body.force delayed {delay_ms} ms"})],
+    )
     seen, _ = run(brain, list(range(1, 13)))
     ticks = delay_ms // 250
     assert values(seen, "x") == [0.0] * ticks + [float(i) for i in range(1, 13 - ticks)]
@@ -103,7 +128,10 @@ def test_a_delay_shifts_by_whole_ticks(delay_ms: int) -> None:
 def test_a_delay_reads_the_last_value_of_a_slow_source_before_it() -> None:
     brain = brain_of(
         {"plain": AddConfig(amount=0.0)},
-        [StepSpec("slow", "plain", inputs={"a": "body.force"}), StepSpec("x", "plain", every="fast", inputs={"a": "slow.sum delayed 500 ms"})],
+        [
+            StepSpec("slow", "plain", inputs={"a": "body.force"}),
+            StepSpec("x", "plain", every="fast", inputs={"a": "slow.sum delayed 500 ms"}),
+        ],
     )
     seen, _ = run(brain, list(range(1, 13)))
     assert values(seen, "x") == [0, 0, 1, 1, 1, 1, 5, 5, 5, 5, 9, 9]
@@ -113,7 +141,13 @@ def test_a_repeat_looks_ahead_from_the_body_and_starts_anew_each_time() -> None:
     brain = brain_of(
         {"add": AddConfig()},
         [
-            RepeatSpec(3, (StepSpec("imagine", "add", inputs={"a": "body.force then imagine.sum"}), StepSpec("sofar", "add", inputs={"a": "previous sofar.sum"}))),
+            RepeatSpec(
+                3,
+                (
+                    StepSpec("imagine", "add", inputs={"a": "body.force then imagine.sum"}),
+                    StepSpec("sofar", "add", inputs={"a": "previous sofar.sum"}),
+                ),
+            ),
             StepSpec("last", "add", inputs={"a": "imagine.sum"}),
             StepSpec("first", "add", inputs={"a": "first imagine.sum"}),
         ],
@@ -126,7 +160,14 @@ def test_a_repeat_looks_ahead_from_the_body_and_starts_anew_each_time() -> None:
 
 
 def test_the_previous_iteration_is_not_the_present_one_when_the_source_runs_first() -> None:
-    block = RepeatSpec(3, (StepSpec("x", "add", inputs={"a": "body.force then y.sum"}), StepSpec("y", "add", inputs={"a": "x.sum"}), StepSpec("z", "add", inputs={"a": "body.force then x.sum"})))
+    block = RepeatSpec(
+        3,
+        (
+            StepSpec("x", "add", inputs={"a": "body.force then y.sum"}),
+            StepSpec("y", "add", inputs={"a": "x.sum"}),
+            StepSpec("z", "add", inputs={"a": "body.force then x.sum"}),
+        ),
+    )
     seen, _ = run(brain_of({"add": AddConfig()}, [block]), [0])
     assert values(seen, "x") == [1, 3, 5]
     assert values(seen, "z") == [1, 2, 4]
@@ -140,7 +181,9 @@ def test_the_previous_iteration_is_not_the_present_one_when_the_source_runs_firs
         ("always", {"imagine": [1, 2, 2, 3], "act": [1, 2]}),
     ],
 )
-def test_forked_states_are_thrown_away_and_carried_as_long_as_the_region_says(carry: str, expected: dict[str, list[float]]) -> None:
+def test_forked_states_are_thrown_away_and_carried_as_long_as_the_region_says(
+    carry: str, expected: dict[str, list[float]]
+) -> None:
     brain = brain_of(
         {"count": CountConfig(carry=carry)},  # type: ignore[arg-type]
         [RepeatSpec(2, (StepSpec("imagine", "count", state="fork"),)), StepSpec("act", "count")],
@@ -150,7 +193,10 @@ def test_forked_states_are_thrown_away_and_carried_as_long_as_the_region_says(ca
 
 
 def test_a_fresh_use_neither_reads_nor_writes_the_state() -> None:
-    brain = brain_of({"count": CountConfig(carry="always")}, [StepSpec("look", "count", state="fresh", every="fast"), StepSpec("act", "count", every="fast")])
+    brain = brain_of(
+        {"count": CountConfig(carry="always")},
+        [StepSpec("look", "count", state="fresh", every="fast"), StepSpec("act", "count", every="fast")],
+    )
     seen, _ = run(brain, [0] * 3)
     assert values(seen, "look") == [1, 1, 1]
     assert values(seen, "act") == [1, 2, 3]
@@ -159,10 +205,16 @@ def test_a_fresh_use_neither_reads_nor_writes_the_state() -> None:
 def test_numbers_become_spikes_and_back_and_different_codes_are_recoded() -> None:
     brain = brain_of(
         {"wide": SpikingRelayConfig(neurons=8), "narrow": SpikingRelayConfig(neurons=2)},
-        [StepSpec("a", "wide", every="fast", inputs={"a": "body.force"}), StepSpec("b", "narrow", every="fast", inputs={"a": "a.same"})],
+        [
+            StepSpec("a", "wide", every="fast", inputs={"a": "body.force"}),
+            StepSpec("b", "narrow", every="fast", inputs={"a": "a.same"}),
+        ],
         {"push": "b.same"},
     )
-    assert [edge.conversion for use in brain.plan.uses() for edges in use.inputs.values() for edge in edges] == ["encode", "recode"]
+    assert [edge.conversion for use in brain.plan.uses() for edges in use.inputs.values() for edge in edges] == [
+        "encode",
+        "recode",
+    ]
     commands, _ = brain.tick({"force": torch.tensor([[41.3], [99.0]])}, brain.init_state(2, 0))
     assert commands["push"].flatten().tolist() == pytest.approx([41.0, 99.0])
 
@@ -177,7 +229,9 @@ def everything() -> Brain:
     return brain_of(
         {"add": AddConfig(), "count": CountConfig(carry="always"), "relay": SpikingRelayConfig()},
         [
-            RepeatSpec(2, (StepSpec("imagine", "add", inputs={"a": "body.force then imagine.sum", "b": "previous act.same"}),)),
+            RepeatSpec(
+                2, (StepSpec("imagine", "add", inputs={"a": "body.force then imagine.sum", "b": "previous act.same"}),)
+            ),
             StepSpec("plan", "count", inputs={"a": "mean quick.count"}),
             StepSpec("quick", "count", every="fast", inputs={"a": "plan.count delayed 750 ms"}),
             StepSpec("act", "relay", every="fast", inputs={"a": "quick.count"}),

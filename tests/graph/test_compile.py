@@ -22,7 +22,13 @@ class NeedyConfig(AddConfig):
         return {"a": Port("mN"), "pair": Port("mN", 2, initial=(0.0, 0.0))}
 
 
-REGIONS = {"add": AddConfig(), "speed": AddConfig(unit="um/s"), "count": CountConfig(), "relay": SpikingRelayConfig(), "needy": NeedyConfig()}
+REGIONS = {
+    "add": AddConfig(),
+    "speed": AddConfig(unit="um/s"),
+    "count": CountConfig(),
+    "relay": SpikingRelayConfig(),
+    "needy": NeedyConfig(),
+}
 
 
 def step(name: str, use: str = "add", path: int = 0, **inputs: str) -> StepSpec:
@@ -32,7 +38,9 @@ def step(name: str, use: str = "add", path: int = 0, **inputs: str) -> StepSpec:
 
 def faults(*steps: StepSpec | RepeatSpec, command: dict[str, str] | None = None) -> list[str]:
     with pytest.raises(ConfigError) as caught:
-        compile_graph(steps, command or {}, REGIONS, CLOCK, {"force": Sensor("mN")}, {"push": Sensor("mN")} if command else {})
+        compile_graph(
+            steps, command or {}, REGIONS, CLOCK, {"force": Sensor("mN")}, {"push": Sensor("mN")} if command else {}
+        )
     return [str(fault) for fault in caught.value.faults]
 
 
@@ -59,7 +67,11 @@ def faults(*steps: StepSpec | RepeatSpec, command: dict[str, str] | None = None)
         ([step("body")], "steps.0.body", "the name is taken"),
         ([step("q", every="fast"), step("s", path=1, a="q.sum")], "steps.1.s.a", "`mean q.sum`"),
         ([step("x", a="y.sum"), step("y", path=1)], "steps.0.x.a", "move `y` up"),
-        ([RepeatSpec(2, (step("x"), step("y", every="fast")), ("steps", 0))], "steps.0", "have the periods control, fast"),
+        (
+            [RepeatSpec(2, (step("x"), step("y", every="fast")), ("steps", 0))],
+            "steps.0",
+            "have the periods control, fast",
+        ),
     ],
 )
 def test_a_fault_names_place_and_cure(steps: list[StepSpec | RepeatSpec], place: str, words: str) -> None:

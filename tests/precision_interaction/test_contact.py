@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from pydantic import ValidationError
-
-from neurorobo.errors import NeuroroboError
 from precision_interaction import table_one
 from precision_interaction.contact import Line, RandomContact, RecordedContact, Table
 from precision_interaction.rig import build_contact, read_recording
 from precision_interaction.rig_config import InsertionRigConfig
+from pydantic import ValidationError
+
+from neurorobo.errors import NeuroroboError
 
 PUBLISHED_UM = np.array([10.0, 50.0])
 PUBLISHED_MEAN_MN = np.array([[12.7, 20.3], [29.6, 51.7]])
@@ -123,9 +123,7 @@ def test_a_recording_is_read_from_csv(tmp_path: Path) -> None:
         ("depth_um,force_x_mN,force_y_mN\n5,0,0\n5,0,0\n", ":3: depth_um does not rise"),
     ],
 )
-def test_a_faulty_recording_is_refused_with_file_and_line(
-    tmp_path: Path, text: str | None, message: str
-) -> None:
+def test_a_faulty_recording_is_refused_with_file_and_line(tmp_path: Path, text: str | None, message: str) -> None:
     path = tmp_path / "log.csv"
     if text is not None:
         path.write_text(text)

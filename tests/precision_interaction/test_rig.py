@@ -5,14 +5,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from pydantic import ValidationError
-
-from neurorobo.bodies import Array, Supervisor
-from neurorobo.errors import NeuroroboError
 from precision_interaction.rig import InsertionRig
 from precision_interaction.rig_config import InsertionRigConfig
 from precision_interaction.task import InsertionTask
 from precision_interaction.task_config import InsertionTaskConfig
+from pydantic import ValidationError
+
+from neurorobo.bodies import Array, Supervisor
+from neurorobo.errors import NeuroroboError
 
 SECOND_NS = 1_000_000_000
 

@@ -13,6 +13,7 @@ from torch import Tensor
 from neurorobo.regions.region import Probe, Region, State
 from precision_interaction import table_one
 from precision_interaction.analytic_configs import PredictiveConfig, ProfileConfig
+from precision_interaction.planner import stopping_speed
 
 
 class Compensation(NamedTuple):
@@ -75,14 +76,17 @@ def predictive(
     """The move that zeroes f + gamma_r mu at the period's end, within the acceleration limit and braking in time.
 
     The stage keeps up with the expected drift mu and takes the present force off no faster than it can still brake
-    from. Each axis gets 1/sqrt(2) of the acceleration, so that the two together stay within the limit.
+    from, by the planner's exact chain. Each axis gets 1/sqrt(2) of the acceleration, so that the two together stay
+    within the limit.
     """
-    step_um_s = max_acceleration_um_s2 / math.sqrt(2.0) * period_s  # largest change of speed in one period
+    acceleration_um_s2 = max_acceleration_um_s2 / math.sqrt(2.0)
+    change_um_s = acceleration_um_s2 * period_s
     drift_um_s = trust(variance_mN2, sigma_0_mN=sigma_0_mN) * mean_mN / (stiffness_mN_um * period_s)
-    closing_um_s = force_mN.abs() / (stiffness_mN_um * period_s)
-    braking_um_s = -step_um_s / 2 + torch.sqrt(step_um_s**2 / 4 + 2 * step_um_s * closing_um_s)
-    wanted_um_s = drift_um_s + force_mN.sign() * torch.minimum(closing_um_s, braking_um_s)
-    new_velocity_um_s = torch.clamp(wanted_um_s, velocity_um_s - step_um_s, velocity_um_s + step_um_s)
+    closing_um_s = stopping_speed(
+        force_mN.abs() / stiffness_mN_um, period_s=period_s, max_acceleration_um_s2=acceleration_um_s2
+    )
+    wanted_um_s = drift_um_s + force_mN.sign() * closing_um_s
+    new_velocity_um_s = torch.clamp(wanted_um_s, velocity_um_s - change_um_s, velocity_um_s + change_um_s)
     move_um = new_velocity_um_s * period_s
     return Compensation(move_um, force_mN - stiffness_mN_um * move_um, new_velocity_um_s)
 

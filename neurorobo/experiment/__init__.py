@@ -1,0 +1,1 @@
+"""Experiments: building, running, training and recording what a file describes."""

@@ -1,0 +1,149 @@
+"""The configuration of the spiking cerebellum: sizes and codes; imports no torch."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+
+from pydantic import Field
+
+from neurorobo.clock import Clock
+from neurorobo.codes import PopulationUniform
+from neurorobo.errors import ConfigError, Fault
+from neurorobo.regions import Port, RegionConfig
+from neurorobo.units import Interval, Unit
+
+if TYPE_CHECKING:
+    import torch
+    from torch import Tensor
+
+Velocities = Annotated[Interval, Unit("um/s")]
+Forces = Annotated[Interval, Unit("mN")]
+Variances = Annotated[Interval, Unit("mN^2")]
+Moves = Annotated[Interval, Unit("um")]
+
+PORTS = ("force", "velocity", "mean", "variance", "move", "residual")
+
+
+@dataclass(frozen=True)
+class StaggeredUniform(PopulationUniform):
+    """The population uniform code with neuron n of N shifted by n/N of an interval, whatever the value.
+
+    Neuron n has fired ``floor(k t / (N T) + n / N)`` times after t of T steps, so that all together have fired
+    ``floor(k t / T)`` times (Hermite's identity): as even in time as spikes can be, never in volleys.
+    """
+
+    def encode(self, values: "Tensor", steps: int, generator: "torch.Generator | None" = None) -> "Tensor":
+        """Return the spikes of ``values``; deterministic."""
+        import torch
+
+        slots = self.neurons * steps
+        count = (self.fraction(values) * slots).round().long()[..., None, None]
+        shift = steps * torch.arange(self.neurons)[:, None]
+        fired = (torch.arange(steps + 1) * count + shift) // slots
+        return fired.diff(dim=-1).flatten(1, 2).permute(2, 0, 1).to(values.dtype)
+
+
+class CerebellumConfig(RegionConfig):
+    """Mossy fibres, granule cells, Purkinje cells, deep nuclei: radial force and expected contact -> radial move.
+
+    Source: Sec. III-C of Xing et al. Ranges are per radial period, and a narrower one is a finer code; those left out
+    follow from the length of the period (:func:`default_ranges`).
+    """
+
+    implementation: ClassVar[str] = "precision_interaction.cerebellum:Cerebellum"
+
+    type: Literal["precision.cerebellum"] = "precision.cerebellum"
+    period: str = Field(default="radial", description="Name of the period of the radial moves, as under `time`.")
+    mossy_fibres: int = Field(default=8, ge=1, description="Mossy fibres per component of an input.")
+    granule_cells: int = Field(default=4000, ge=1)
+    granule_fan_in: int = Field(default=4, ge=1, description="Mossy fibres that each granule cell reads.")
+    purkinje_cells: int = Field(default=1600, ge=1)
+    nuclei: int = Field(
+        default=8, ge=4, multiple_of=4, description="Deep nuclear cells, as many for each output component."
+    )
+    output_neurons: int = Field(default=10, ge=1, description="Output neurons per component of an output.")
+    force: Forces | None = Field(default=None, description="Range of the radial force.")
+    velocity: Velocities | None = Field(default=None, description="Range of the radial velocity that is told.")
+    mean: Forces | None = Field(default=None, description="Range of the expected change of the force.")
+    variance: Variances | None = Field(default=None, description="Range of its variance.")
+    move: Moves | None = Field(default=None, description="Range of the radial move.")
+    residual: Forces | None = Field(default=None, description="Range of the force left after the move.")
+
+    def period_s(self, clock: Clock) -> float:
+        """Return the length of the radial period; a ConfigError if the clock has none of that name."""
+        if self.period not in clock.periods_ns:
+            known = ", ".join(f"`{name}`" for name in clock.periods_ns)
+            raise ConfigError([Fault(("period",), f"there is no period `{self.period}`; `time` defines {known}")])
+        return clock.seconds(self.period)
+
+    def ranges(self, clock: Clock) -> dict[str, Interval]:
+        """Return the range of each port, in its unit."""
+        default = default_ranges(self.period_s(clock))
+        return {name: getattr(self, name) or default[name] for name in PORTS}
+
+    def inputs(self, clock: Clock) -> dict[str, Port]:
+        """Radial force, radial velocity of the period before, and mean and variance of the contact to come."""
+        code = {name: StaggeredUniform(self.mossy_fibres, r.lo, r.hi) for name, r in self.ranges(clock).items()}
+        return {
+            "force": Port("mN", 2, code["force"], description="Radial force."),
+            "velocity": Port(
+                "um/s", 2, code["velocity"], (0.0, 0.0), description="Radial velocity of the period before."
+            ),
+            "mean": Port("mN", 2, code["mean"], description="Expected change of the force in this period."),
+            "variance": Port("mN^2", 2, code["variance"], description="Its variance."),
+        }
+
+    def outputs(self, clock: Clock) -> dict[str, Port]:
+        """The radial move, the same as a mean velocity, and the force left after it (Eq. 19)."""
+        period_s = self.period_s(clock)
+        ranges = self.ranges(clock)
+        move, residual = ranges["move"], ranges["residual"]
+        n = self.output_neurons
+        return {
+            "move": Port(
+                "um",
+                2,
+                PopulationUniform(n, move.lo, move.hi),
+                description="Radial move; a positive one lowers the force.",
+            ),
+            "residual": Port(
+                "mN",
+                2,
+                PopulationUniform(n, residual.lo, residual.hi),
+                description="Force left after the move, without the contact of the period.",
+            ),
+            "velocity": Port(
+                "um/s",
+                2,
+                PopulationUniform(n, move.lo / period_s, move.hi / period_s),
+                description="Mean radial velocity of the period: the spikes of the move, read by its duration.",
+            ),
+        }
+
+    def signature(self, clock: Clock) -> Mapping[str, Any]:
+        """Return what trained weights depend on: sizes, ranges and the length of the period, not its name."""
+        sizes = ("mossy_fibres", "granule_cells", "granule_fan_in", "purkinje_cells", "nuclei", "output_neurons")
+        return {
+            "type": self.type,
+            "window": clock.window,
+            "period_s": self.period_s(clock),
+            **{name: getattr(self, name) for name in sizes},
+            **{name: [r.lo, r.hi] for name, r in self.ranges(clock).items()},
+        }
+
+
+def default_ranges(period_s: float) -> dict[str, Interval]:
+    """Return the ranges that fit a radial period, in the units of the ports.
+
+    In one period the contact at 100 um/s adds up to 107 mN/s. A short period takes off little force at once, so its
+    moves need a narrow range, and more of the force may be left for the next one.
+    """
+    move = Interval(-0.1 - 0.7 * period_s, 0.1 + 2.15 * period_s)
+    return {
+        "force": Interval(-60.0 - 70.0 * period_s, 60.0 + 70.0 * period_s),
+        "velocity": Interval(move.lo / period_s, move.hi / period_s),
+        "mean": Interval(0.0, 120.0 * period_s),
+        "variance": Interval(0.0, 140.0 * period_s),
+        "move": move,
+        "residual": Interval(-25.0 - 95.0 * period_s, 25.0 / (1.0 + 2.0 * period_s)),
+    }

@@ -1,0 +1,207 @@
+"""The spiking cerebellum: its codes, its constraints, its data, and that it can learn from its teacher."""
+
+import subprocess
+import sys
+from typing import Any
+
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from precision_interaction.analytic_configs import PredictiveConfig
+from precision_interaction.cerebellum import Cerebellum
+from precision_interaction.cerebellum_config import CerebellumConfig, StaggeredUniform
+from precision_interaction.compensation_data import CompensationStates, CompensationStatesConfig
+from precision_interaction.compensators import PredictiveCompensator
+from torch import Tensor
+
+from neurorobo.clock import Clock
+from neurorobo.codes import PopulationUniform
+from neurorobo.errors import ConfigError
+from neurorobo.learning.phase import SupervisePhase
+from neurorobo.learning.supervise import evaluate, supervise
+
+SMALL = {"granule_cells": 80, "purkinje_cells": 40}
+PERIODS_MS = (1000, 200, 50)
+
+
+def clock(period_ms: int = 1000, name: str = "radial") -> Clock:
+    return Clock({"control": 10**9, name: period_ms * 10**6}, 10**6, 50)
+
+
+def cerebellum(**options: Any) -> Cerebellum:
+    config = CerebellumConfig.model_validate({**SMALL, **options})
+    return Cerebellum(config, clock(), torch.Generator().manual_seed(1))
+
+
+def states(batch: int, period_ms: int = 1000, seed: int = 1) -> dict[str, Tensor]:
+    data = CompensationStates(CompensationStatesConfig(), clock(period_ms))
+    return data.draw(batch, torch.Generator().manual_seed(seed))
+
+
+def spikes(region: Cerebellum, values: dict[str, Tensor]) -> dict[str, Tensor]:
+    return {name: port.code.encode(values[name], 50) for name, port in region.input_ports.items() if port.code}
+
+
+@pytest.mark.parametrize("module", ["cerebellum_config", "compensation_data"])
+def test_configurations_do_not_import_torch(module: str) -> None:
+    check = f"import sys, precision_interaction.{module}; sys.exit('torch' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", check], check=False).returncode == 0
+
+
+@settings(deadline=None)
+@given(count=st.integers(0, 400), neurons=st.sampled_from([1, 5, 8]))
+def test_staggered_spikes_are_even_over_neurons_and_steps(count: int, neurons: int) -> None:
+    count = min(count, 50 * neurons)
+    code = StaggeredUniform(neurons, 0.0, 50.0 * neurons)
+    value = torch.tensor([[float(count)]])
+    fired = code.encode(value, 50)
+    assert fired.shape == (50, 1, neurons)
+    assert code.decode(fired).item() == pytest.approx(count)
+    for axis in (1, 0):  # spikes of each neuron, spikes at each step
+        sums = fired[:, 0].sum(1 - axis)
+        assert sums.max() - sums.min() <= 1
+
+
+def test_staggered_and_plain_population_codes_count_alike() -> None:
+    values = torch.linspace(-4.0, 4.0, 333).unsqueeze(1)
+    plain, staggered = PopulationUniform(8, -3.0, 3.5), StaggeredUniform(8, -3.0, 3.5)
+    torch.testing.assert_close(
+        staggered.decode(staggered.encode(values, 50)), plain.decode(plain.encode(values, 50)), rtol=0, atol=0
+    )
+
+
+@pytest.mark.parametrize("period_ms", PERIODS_MS)
+def test_the_velocity_is_the_move_per_period(period_ms: int) -> None:
+    outputs = CerebellumConfig().outputs(clock(period_ms))
+    move, velocity = outputs["move"], outputs["velocity"]
+    assert (move.unit, velocity.unit) == ("um", "um/s")
+    counts = torch.randint(0, 2, (50, 3, move.channels)).float()
+    assert move.code is not None and velocity.code is not None
+    torch.testing.assert_close(velocity.code.decode(counts), move.code.decode(counts) / (period_ms / 1000))
+
+
+@pytest.mark.parametrize("period_ms", PERIODS_MS)
+def test_default_ranges_hold_what_occurs_and_no_more(period_ms: int) -> None:
+    config = CerebellumConfig()
+    values = states(4000, period_ms)
+    teacher = PredictiveCompensator(PredictiveConfig(), clock(period_ms), torch.Generator())
+    wanted, _ = teacher.step(values, {})
+    for name, port in config.inputs(clock(period_ms)).items():
+        assert port.code is not None
+        assert port.code.saturated(values[name]).float().mean() < 0.05
+    for name in ("move", "residual"):
+        code = config.outputs(clock(period_ms))[name].code
+        assert code is not None
+        assert code.saturated(wanted[name]).float().mean() < 0.15
+        assert wanted[name].max() - wanted[name].min() > 0.7 * (code.hi - code.lo)
+
+
+@pytest.mark.parametrize("period_ms", PERIODS_MS)
+def test_a_move_can_take_off_force_beside_the_fastest_contact(period_ms: int) -> None:
+    move = CerebellumConfig().ranges(clock(period_ms))["move"]
+    fastest_um = 1.072 * 100 * period_ms / 1000 / 80
+    assert 80 * (move.hi - fastest_um) > 10
+    assert 80 * move.lo < -10
+
+
+def test_the_signature_knows_ranges_and_period_but_not_its_name() -> None:
+    config = CerebellumConfig()
+    default = config.signature(clock())
+    assert config.signature(clock(200)) != default
+    assert CerebellumConfig.model_validate({"force": "-50..50 mN"}).signature(clock()) != default
+    assert CerebellumConfig(nuclei=16).signature(clock()) != default
+    assert CerebellumConfig(period="slow").signature(clock(name="slow")) == default
+    assert CerebellumConfig(weights="pretrained").signature(clock()) == default
+    spelt_out = {
+        name: f"{r.lo!r}..{r.hi!r} {unit}"
+        for (name, r), unit in zip(
+            config.ranges(clock()).items(), ("mN", "um/s", "mN", "mN^2", "um", "mN"), strict=True
+        )
+    }
+    assert CerebellumConfig.model_validate(spelt_out).signature(clock()) == default
+
+
+def test_an_unknown_period_is_told_with_those_there_are() -> None:
+    with pytest.raises(ConfigError, match="period: there is no period `radia`; `time` defines `control`, `radial`"):
+        CerebellumConfig(period="radia").inputs(clock())
+    with pytest.raises(ConfigError, match="no period `radia`"):
+        CompensationStates(CompensationStatesConfig(period="radia"), clock())
+
+
+@pytest.mark.parametrize("nuclei", [4, 8, 16])
+def test_outputs_have_the_shape_of_their_ports(nuclei: int) -> None:
+    region = cerebellum(nuclei=nuclei)
+    outputs, state = region.step(spikes(region, states(3)), region.init_state(3))
+    assert state == {}
+    for name, port in region.output_ports.items():
+        assert outputs[name].shape == (50, 3, port.channels)
+        assert set(outputs[name].unique().tolist()) <= {0.0, 1.0}
+
+
+def test_every_layer_fires_before_training() -> None:
+    region = Cerebellum(CerebellumConfig(), clock(), torch.Generator().manual_seed(2))
+    rates: dict[str, float] = {}
+    values = spikes(region, states(4))
+    region.step(values, {}, lambda layer, fired: rates.update({layer: fired.mean().item()}))
+    assert set(rates) == {"granule", "purkinje", "nuclei", "output"}
+    assert all(0.05 < rate < 0.5 for rate in rates.values())
+
+
+def test_all_that_comes_out_has_passed_the_nuclei() -> None:
+    region = cerebellum()
+    with torch.no_grad():
+        for projection in region.nuclei.projections:
+            projection.weight.zero_()
+    outputs, _ = region.step(spikes(region, states(16)), {})
+    assert all((fired == fired[:, :1]).all() for fired in outputs.values())
+
+
+def test_a_window_depends_on_nothing_but_its_inputs() -> None:
+    region = cerebellum()
+    with torch.no_grad():  # on the grid of shipped weights sums are exact, whatever their order
+        for parameter in region.parameters():
+            parameter.copy_((parameter * 1024).round() / 1024)
+    values = spikes(region, states(6))
+    together, _ = region.step(values, {})
+    for one in range(6):
+        alone, _ = region.step({name: fired[:, one : one + 1] for name, fired in values.items()}, {})
+        assert all(torch.equal(alone[name], together[name][:, one : one + 1]) for name in together)
+
+
+@pytest.mark.parametrize("period_ms", PERIODS_MS)
+def test_states_are_reproducible_and_possible(period_ms: int) -> None:
+    first, again, other = states(500, period_ms), states(500, period_ms), states(500, period_ms, seed=2)
+    for name, values in first.items():
+        assert values.shape == (500, 2)
+        assert torch.equal(values, again[name])
+        assert not torch.equal(values, other[name])
+    assert (first["mean"] >= 0).all() and (first["variance"] >= 0).all()
+    assert first["mean"].max() < 130 * period_ms / 1000
+
+
+def test_training_brings_it_nearer_to_its_teacher_and_keeps_the_signs() -> None:
+    region = cerebellum()
+    teacher = PredictiveCompensator(PredictiveConfig(), clock(), torch.Generator())
+    data = CompensationStates(CompensationStatesConfig(), clock())
+    phase = SupervisePhase(
+        region="cerebellum",
+        teacher=PredictiveConfig(),
+        data=CompensationStatesConfig(),
+        loss={"move": "0.1 um", "residual": "8 mN"},
+        freeze=("granule",),
+        steps=80,
+        batch=16,
+    )
+
+    def errors() -> Tensor:
+        found = evaluate(
+            region, teacher, data, torch.Generator().manual_seed(3), outputs=["move", "residual"], batches=2
+        )
+        return torch.cat([80 * found.rms["move"][0], found.rms["residual"][0]])
+
+    untrained = errors()
+    supervise(region, teacher, data, phase, torch.Generator().manual_seed(4))
+    assert (errors() < 0.6 * untrained).all()
+    inhibition, excitation = (projection.weight for projection in region.nuclei.projections)
+    assert (inhibition <= 0).all() and (excitation >= 0).all()
