@@ -33,10 +33,10 @@ class Supervisor:
         limits = self.body.limits(duration_ns)
         allowed = {}
         for name, wanted in commands.items():
-            if not np.isfinite(wanted).all():
+            if not np.isfinite(wanted[running]).all():
                 self.body.stop()
                 raise NeuroroboError(
-                    f"the command `{name}` is {wanted[~np.isfinite(wanted)][0]}: the body was stopped; "
+                    f"the command `{name}` is not a number: the body was stopped; "
                     "look at the inputs of the step that computes it"
                 )
             lo, hi = limits[name]

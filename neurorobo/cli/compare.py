@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from neurorobo.cli.options import json_option, out_option, overrides_option, quiet, seed_option
+from neurorobo.cli.options import json_option, out_option, overrides_option, seed_option
 
 
 @click.command()
@@ -48,6 +48,7 @@ def compare(
     from neurorobo.experiment.run import run_experiment
     from neurorobo.experiment.run_folder import RunFolder
     from neurorobo.plugins import Registry
+    from neurorobo.views.progress import RunProgress
 
     registry = Registry.discover()
     names = [str(file) if file.is_dir() else file.stem for file in files] + list(variants)
@@ -60,7 +61,8 @@ def compare(
         first = experiment.seed if seed is None else seed
         folder = None if out is None else out / name.replace("/", "_")
         seeds = range(first, first + episodes)
-        finished = run_experiment(experiment, registry, seeds, folder, record=(), quiet=quiet())
+        with RunProgress() as progress:
+            finished = run_experiment(experiment, registry, seeds, folder, record=(), progress=progress)
         summaries[name] = finished.summary
         click.echo(f"{name}: {finished.folder.path}", err=True)
     summaries = {name: summaries[name] for name in names}

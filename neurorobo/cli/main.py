@@ -13,6 +13,7 @@ from neurorobo.cli.train import train
 from neurorobo.cli.view import view
 from neurorobo.errors import NeuroroboError
 
+
 class _Commands(click.Group):
     """The core's commands and those that plugins register."""
 

@@ -1,6 +1,5 @@
 """Options that several commands share."""
 
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -27,8 +26,3 @@ out_option = click.option(
     type=click.Path(path_type=Path, file_okay=False),
     help="Folder for the results. Default: runs/<name>/<time>-<hash>.",
 )
-
-
-def quiet() -> bool:
-    """Return whether progress bars would disturb: the error stream is not a terminal."""
-    return not sys.stderr.isatty()

@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 
 from neurorobo.cli.exit_codes import EPISODE_FAILED
-from neurorobo.cli.options import file_argument, json_option, out_option, overrides_option, quiet, seed_option
+from neurorobo.cli.options import file_argument, json_option, out_option, overrides_option, seed_option
 
 
 @click.command()
@@ -36,11 +36,13 @@ def run(
     from neurorobo.config.experiment import load_experiment
     from neurorobo.experiment.run import run_experiment
     from neurorobo.plugins import Registry
+    from neurorobo.views.progress import RunProgress
 
     registry = Registry.discover()
     experiment = load_experiment(file, overrides, registry)
     first = experiment.seed if seed is None else seed
-    finished = run_experiment(experiment, registry, range(first, first + episodes), out, quiet=quiet())
+    with RunProgress() as progress:
+        finished = run_experiment(experiment, registry, range(first, first + episodes), out, progress=progress)
     if as_json:
         click.echo(json.dumps({"folder": str(finished.folder.path), **finished.summary}, indent=2))
     else:

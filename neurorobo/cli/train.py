@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from neurorobo.cli.options import file_argument, out_option, overrides_option, quiet
+from neurorobo.cli.options import file_argument, out_option, overrides_option
 
 
 @click.command()
@@ -19,15 +19,13 @@ def train(file: Path, overrides: tuple[str, ...], only: tuple[str, ...], threads
     The same command goes on where it was stopped; Ctrl-C loses nothing.
     """
     import torch
-    from rich.console import Console
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
     from neurorobo.config.experiment import load_experiment
     from neurorobo.errors import NeuroroboError
     from neurorobo.experiment.lessons import read_lessons
     from neurorobo.experiment.train import train_experiment
-    from neurorobo.learning.supervise import Progress as Step
     from neurorobo.plugins import Registry
+    from neurorobo.views.progress import training_progress
 
     registry = Registry.discover()
     experiment = load_experiment(file, overrides, registry)
@@ -36,29 +34,18 @@ def train(file: Path, overrides: tuple[str, ...], only: tuple[str, ...], threads
         raise NeuroroboError(f"{file} has no `train` phases; add some, or look at examples/peg_in_hole.yaml")
     torch.set_num_threads(threads)
     folder = out or Path("runs") / experiment.name / f"training-{experiment.config_hash[:8]}"
-    columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        TextColumn("{task.fields[figures]}"),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=Console(stderr=True), disable=quiet()) as bars:
-        shown: dict[int, int] = {}
-
-        def report(index: int, step: Step) -> None:
-            phase = lessons[index].phase
-            if index not in shown:
-                shown[index] = int(bars.add_task(f"{index} {phase.region}", total=step.steps, figures=""))
-            errors = "  ".join(f"{name} {error:.3g}" for name, error in step.error.items())
-            bars.update(
-                bars.task_ids[list(shown).index(index)], completed=step.done, figures=f"{errors}  rate {step.rate:.2f}"
-            )
-
-        reports = train_experiment(experiment, lessons, folder, only=only, report=report)
-    for finished in reports:
-        errors = ", ".join(
-            f"{port} {[round(v, 3) for v in rms[-1]]}" for port, rms in finished.evaluation["rms"].items()
+    with training_progress() as show:
+        reports = train_experiment(
+            experiment,
+            lessons,
+            folder,
+            only=only,
+            report=lambda index, step: show(
+                f"{index} {lessons[index].phase.region}", step.done, step.steps, step.error, step.rate
+            ),
         )
+    for finished in reports:
+        rms = finished.evaluation["rms"].items()
+        errors = ", ".join(f"{port} {[round(value, 3) for value in windows[-1]]}" for port, windows in rms)
         click.echo(f"phase {finished.index} {finished.region}: rms error {errors}")
     click.echo(f"weights  {folder}")

@@ -14,8 +14,8 @@ if TYPE_CHECKING:
 class CoarseFine(Code):
     """A coarse code over ``coarse.lo..coarse.hi`` beside a fine one over a part of it.
 
-    Decodes to the fine code's value unless that one is at the end of its range; a value that lies beyond that end, the coarse code
-    tells. Build it with :meth:`of`.
+    Decodes to the fine code's value unless that one is at an end of its range: then the coarse code tells how far
+    beyond that end the value lies. Build it with :meth:`of`.
     """
 
     coarse: Code

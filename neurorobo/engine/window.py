@@ -31,7 +31,7 @@ def run_window(
     """
     if threshold is None:
         threshold = current.new_tensor(neuron.threshold)
-    spikes, potentials = _Window.apply(current, potential, threshold, recurrent_weight, neuron)
+    spikes, potentials = _Window.apply(current, potential, threshold, recurrent_weight, neuron)  # type: ignore[no-untyped-call]
     return spikes, potentials[-1]
 
 

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from neurorobo.bodies import Array, Supervisor
+from neurorobo.errors import NeuroroboError
 from neurorobo.experiment.recorder import Recorder, Sample
 from neurorobo.graph.brain import Brain
 from neurorobo.graph.plan import Use
@@ -57,12 +58,13 @@ def run_episodes(
         supervisor = Supervisor(task.body)
         supervisor.reset(batch)
     watch = _Watch(batch, any(recorder.wants_spikes for recorder in recorders))
-    state = brain.init_state(batch, seeds[0])
+    state = brain.init_state(seeds)
     with torch.inference_mode():
         while running.any() and (duration_ns is None or state.tick * tick_ns < duration_ns):
             progress(state.tick, int(running.sum()))
             tick = state.tick
             observation = {} if task is None else task.body.read()
+            _check(observation, task)
             watch.begin(running)
             numbers = {name: torch.as_tensor(value, dtype=torch.float32) for name, value in observation.items()}
             commands, state = brain.tick(numbers, state, watch)
@@ -84,6 +86,16 @@ def run_episodes(
         rates = {region: float(rate[i]) for region, rate in watch.firing_rates().items()}
         results.append(EpisodeResult(seed, {**metrics[i], **interventions}, rates))
     return results
+
+
+def _check(observation: Mapping[str, Array], task: Task[Any] | None) -> None:
+    """Stop the body and raise if a sensor reports what is not a number."""
+    for name, value in observation.items():
+        if task is not None and not np.isfinite(value).all():
+            task.body.stop()
+            raise NeuroroboError(
+                f"the sensor `{name}` reports {value[~np.isfinite(value)][0]}: the body was stopped; check the sensor"
+            )
 
 
 @dataclass

@@ -2,8 +2,7 @@
 
 import hashlib
 import sys
-from collections.abc import Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -38,18 +37,17 @@ def run_experiment(
     out: Path | None = None,
     *,
     record: Sequence[str] | None = None,
-    quiet: bool = True,
+    progress: Callable[[int, int], None] = lambda tick, running: None,
 ) -> FinishedRun:
     """Run one episode per seed and write a run folder.
 
-    ``record`` replaces the recorders that the file names. An interrupted run keeps what was recorded; its
-    ``run.json`` says ``interrupted``.
+    ``record`` replaces the recorders that the file names; ``progress`` is told each tick and how many still run. An
+    interrupted run keeps what was recorded; its ``run.json`` says ``interrupted``.
     """
     import torch
 
-    torch.set_num_threads(
-        1
-    )  # a second thread gains little in a control loop, and a busy neighbour turns it into a loss
+    # A second thread gains little in a control loop, and a busy neighbour turns it into a loss.
+    torch.set_num_threads(1)
     plan = build_plan(experiment)
     brain = build_brain(experiment, plan)
     for name in untrained(experiment):
@@ -65,23 +63,21 @@ def run_experiment(
         plugins={plugin.name: plugin.version for plugin in registry.plugins() if plugin.status == "loaded"},
     )
     registry.call("neurorobo_run_started", folder=path)
-    setting = Setting(path, experiment.name, plan, seeds, task)
+    setting = Setting(path, experiment.name, plan, seeds[:LARGEST_BATCH], task)
     names = experiment.record if record is None else record
     recorders: list[Recorder] = [registry.get("recorder", name)(setting) for name in names]
     results = []
     try:
-        with ExitStack() as stack:
-            progress = stack.enter_context(_Bar(len(seeds), quiet))
-            for start in range(0, len(seeds), LARGEST_BATCH):
-                batch = seeds[start : start + LARGEST_BATCH]
-                results += run_episodes(
-                    brain,
-                    task,
-                    batch,
-                    duration_ns=None if experiment.episode is None else experiment.episode.duration,
-                    recorders=recorders if start == 0 else (),
-                    progress=progress.update,
-                )
+        for start in range(0, len(seeds), LARGEST_BATCH):
+            batch = seeds[start : start + LARGEST_BATCH]
+            results += run_episodes(
+                brain,
+                task,
+                batch,
+                duration_ns=None if experiment.episode is None else experiment.episode.duration,
+                recorders=recorders if start == 0 else (),
+                progress=progress,
+            )
     except BaseException as error:
         for recorder in recorders:
             recorder.finish()
@@ -108,32 +104,3 @@ def _fingerprints(experiment: Experiment) -> dict[str, str]:
     """Return the SHA-256 of each region's weights file, so that it can be known again."""
     files = {n: weights_file(config, experiment) for n, config in experiment.regions.items() if config.weights}
     return {name: hashlib.sha256(file.read_bytes()).hexdigest() for name, file in files.items()}
-
-
-class _Bar:
-    """A progress bar over ticks on the error stream; there is no telling when an episode ends, so it counts only."""
-
-    def __init__(self, episodes: int, quiet: bool) -> None:
-        from rich.console import Console
-        from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
-
-        self._progress = Progress(
-            SpinnerColumn(),
-            TextColumn("{task.description}"),
-            TimeElapsedColumn(),
-            console=Console(stderr=True),
-            disable=quiet,
-            transient=True,
-        )
-        self._task = self._progress.add_task(f"{episodes} episodes")
-
-    def __enter__(self) -> "_Bar":
-        self._progress.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._progress.stop()
-
-    def update(self, tick: int, running: int) -> None:
-        """Show the tick and how many episodes are still running."""
-        self._progress.update(self._task, description=f"tick {tick}, {running} running")

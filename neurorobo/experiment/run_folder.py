@@ -61,7 +61,7 @@ class RunFolder:
                 "platform": platform.platform(),
                 "versions": {name: found for name in VERSIONED if (found := _version(name))},
                 "plugins": dict(plugins),
-            "weights_sha256": dict(weights),
+                "weights_sha256": dict(weights),
                 "git": _git_commit(),
             }
         )

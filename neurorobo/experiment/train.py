@@ -1,5 +1,6 @@
 """Training an experiment: its phases in order, resumable, into a folder of weights."""
 
+import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,10 +20,12 @@ from neurorobo.regions.weights import load_weights, save_weights
 
 @dataclass(frozen=True)
 class PhaseReport:
-    """How a phase went: its place in the list, the region, and how far it is from its teacher afterwards."""
+    """How a phase went: its place in the list, the region, its seed and time, and the errors that are left."""
 
     index: int
     region: str
+    seed: int
+    seconds: float
     evaluation: Mapping[str, Any]
 
 
@@ -56,9 +59,8 @@ def train_experiment(
         done = folder / f"phase{index}_{phase.region}.safetensors"
         teacher = build_region(lesson.teacher, experiment, torch.Generator())
         data = implementation(lesson.data.implementation)(lesson.data, experiment.clock)
-        if done.exists():
-            load_weights(region, done)
-        else:
+        if not done.exists():
+            started = time.monotonic()
             supervise(
                 region,
                 teacher,
@@ -68,17 +70,19 @@ def train_experiment(
                 report=lambda progress, index=index: report(index, progress),  # type: ignore[misc]
                 checkpoints=Checkpoints(folder / "checkpoints" / f"phase{index}.safetensors"),
             )
-            save_weights(region, done, {"phase": str(index)})
+            save_weights(region, done, {"phase": str(index), "seconds": f"{time.monotonic() - started:.1f}"})
+        seconds = float(load_weights(region, done)["seconds"])
         examiner = torch.Generator().manual_seed(phase.seed + 1_000_003)
         found = evaluate(region, teacher, data, examiner, outputs=phase.loss, unroll=phase.unroll)
-        reports.append(PhaseReport(index, phase.region, _plain(found)))
+        reports.append(PhaseReport(index, phase.region, phase.seed, seconds, plain(found)))
     for name, region in regions.items():
         save_weights(region, folder / f"{name}.safetensors", {"experiment": experiment.config_hash})
     write_json(folder / "training.json", {"phases": [vars(report) for report in reports]})
     return reports
 
 
-def _plain(evaluation: Evaluation) -> dict[str, Any]:
+def plain(evaluation: Evaluation) -> dict[str, Any]:
+    """Return an evaluation as what JSON can hold."""
     tables = {"rms": evaluation.rms, "largest": evaluation.largest, "bias": evaluation.bias}
     figures = {name: {port: error.tolist() for port, error in table.items()} for name, table in tables.items()}
     return {**figures, "firing_rates": dict(evaluation.rates)}

@@ -1,6 +1,6 @@
 """The brain: a plan and its regions, run tick by tick on an explicit state."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Protocol
 
@@ -27,7 +27,7 @@ class Observer(Protocol):
 
 @dataclass(frozen=True)
 class BrainState:
-    """All that a brain remembers between ticks: region states, edge buffers, time, and the random generator's state.
+    """All that a brain remembers between ticks: region states, edge buffers, time, and the states of its generators.
 
     ``buffers`` holds for each edge its last values, oldest first, each (batch, width) or (steps, batch, neurons).
     """
@@ -89,17 +89,23 @@ class Brain(nn.Module):
         assert isinstance(region, Region)
         return region
 
-    def init_state(self, batch: int, seed: int) -> BrainState:
-        """Return the state at the start of ``batch`` independent runs; ``seed`` starts the generator of stochastic
-        codes."""
-        generator = torch.Generator().manual_seed(seed)
-        regions = {name: self.region(name).init_state(batch) for name in self.regions}
-        buffers = {edge.name: self._initial(edge, batch, generator) for edge in self.plan.edges()}
-        return BrainState(0, batch, regions, buffers, generator.get_state())
+    def init_state(self, seeds: Sequence[int]) -> BrainState:
+        """Return the state at the start of independent runs, one for each seed; it starts the run's own generator.
 
-    def reset(self, state: BrainState, which: Tensor, seed: int) -> BrainState:
-        """Return ``state`` with the runs where ``which`` (batch, bool) at their start again; the time goes on."""
-        start = self.init_state(state.batch, seed)
+        Only stochastic codes draw from it, and no run from another's, so that a run does not depend on its batch.
+        """
+        batch = len(seeds)
+        generators = [torch.Generator().manual_seed(seed) for seed in seeds] if self.plan.stochastic else []
+        regions = {name: self.region(name).init_state(batch) for name in self.regions}
+        buffers = {edge.name: self._initial(edge, batch, generators) for edge in self.plan.edges()}
+        return BrainState(0, batch, regions, buffers, _states(generators, batch))
+
+    def reset(self, state: BrainState, which: Tensor, seeds: Sequence[int]) -> BrainState:
+        """Return ``state`` with the runs where ``which`` (batch, bool) at their start again; the time goes on.
+
+        ``seeds`` has one for every run of the batch; those of runs that go on are not used.
+        """
+        start = self.init_state(seeds)
 
         def mixed(old: Tensor, new: Tensor, batch_dimension: int) -> Tensor:
             shape = [1] * old.dim()
@@ -108,6 +114,7 @@ class Brain(nn.Module):
 
         return replace(
             state,
+            random=mixed(state.random, start.random, 0),
             regions={n: {k: mixed(v, start.regions[n][k], 0) for k, v in s.items()} for n, s in state.regions.items()},
             buffers={
                 name: tuple(
@@ -137,27 +144,52 @@ class Brain(nn.Module):
         }
         return commands, moment.end()
 
-    def _initial(self, edge: Edge, batch: int, generator: torch.Generator) -> tuple[Tensor, ...]:
+    def _initial(self, edge: Edge, batch: int, generators: Sequence[torch.Generator]) -> tuple[Tensor, ...]:
         """Return the values of an edge before its source has spoken; none where the source always speaks first."""
-        value = initial_value(_stored_port(edge), batch, self.plan.clock.window, generator)
+        value = initial_value(_stored_port(edge), batch, self.plan.clock.window, generators)
         return (value,) * edge.length
 
 
-def initial_value(port: Port, batch: int, steps: int, generator: torch.Generator) -> Tensor:
+def initial_value(port: Port, batch: int, steps: int, generators: Sequence[torch.Generator]) -> Tensor:
     """Return the initial value of a port in the form that it carries; zero, or silence, where it declares none."""
     if port.initial is None:
         return torch.zeros((batch, port.width) if port.code is None else (steps, batch, port.channels))
-    numbers = torch.tensor(port.initial).expand(batch, -1)
-    return numbers if port.code is None else port.code.encode(numbers, steps, generator)
+    return convert(torch.tensor(port.initial).expand(batch, -1), None, port.code, steps, generators)
 
 
-def convert(value: Tensor, source: Code | None, target: Code | None, steps: int, generator: torch.Generator) -> Tensor:
-    """Bring a value from one code to another; ``None`` stands for numbers. Recoding counts, requantises and
-    re-emits."""
+def convert(
+    value: Tensor, source: Code | None, target: Code | None, steps: int, generators: Sequence[torch.Generator]
+) -> Tensor:
+    """Bring a value from one code to another; ``None`` stands for numbers. Recoding counts, requantises and re-emits.
+
+    A stochastic code draws the spikes of each run of the batch from the run's own generator.
+    """
     if source == target:
         return value
     numbers = value if source is None else source.decode(value)
-    return numbers if target is None else target.encode(numbers, steps, generator)
+    if target is None:
+        return numbers
+    if not target.stochastic:
+        return target.encode(numbers, steps)
+    rows = zip(numbers.split(1), generators, strict=True)
+    return torch.cat([target.encode(row, steps, generator) for row, generator in rows], dim=1)
+
+
+def _states(generators: Sequence[torch.Generator], batch: int) -> Tensor:
+    """Return the states of a batch's generators as one tensor, a row for each; empty rows if there are none."""
+    if not generators:
+        return torch.empty(batch, 0, dtype=torch.uint8)
+    return torch.stack([generator.get_state() for generator in generators])
+
+
+def _restored(states: Tensor) -> list[torch.Generator]:
+    """Return generators that go on from their states."""
+    if states.shape[1] == 0:
+        return []
+    generators = [torch.Generator() for _ in states]
+    for generator, state in zip(generators, states, strict=True):
+        generator.set_state(state.clone())  # it reads the storage from its start
+    return generators
 
 
 def _stored_port(edge: Edge) -> Port:
@@ -174,13 +206,12 @@ class _Moment:
     observer: Observer | None
     regions: dict[str, State] = field(init=False)
     buffers: dict[str, tuple[Tensor, ...]] = field(init=False)
-    generator: torch.Generator = field(init=False)
+    generators: list[torch.Generator] = field(init=False)
 
     def __post_init__(self) -> None:
         self.regions = dict(self.state.regions)
         self.buffers = dict(self.state.buffers)
-        self.generator = torch.Generator()
-        self.generator.set_state(self.state.random)
+        self.generators = _restored(self.state.random)
         self.steps = self.brain.plan.clock.window
 
     def end(self) -> BrainState:
@@ -190,7 +221,7 @@ class _Moment:
             tick=self.state.tick + 1,
             regions=self.regions,
             buffers=self.buffers,
-            random=self.generator.get_state(),
+            random=_states(self.generators, self.state.batch),
         )
 
     def push(self, source: str, outputs: Mapping[str, Tensor], iteration: int = 0) -> None:
@@ -201,7 +232,7 @@ class _Moment:
             if edge.output not in outputs:
                 raise NeuroroboError(f"`{source}` did not give `{edge.output}`, which `{edge.reader}` reads")
             stored = _stored_port(edge).code
-            value = convert(outputs[edge.output], edge.source_port.code, stored, self.steps, self.generator)
+            value = convert(outputs[edge.output], edge.source_port.code, stored, self.steps, self.generators)
             self.buffers[edge.name] = (*self.buffers[edge.name][1:], value)
 
     def read(self, edge: Edge) -> Tensor:
@@ -212,7 +243,7 @@ class _Moment:
         total = torch.stack(values).sum(0)
         if edge.reduction == "mean":
             total = total / edge.length
-        return convert(total, None, edge.reader_port.code, self.steps, self.generator)
+        return convert(total, None, edge.reader_port.code, self.steps, self.generators)
 
     def run_repeat(self, block: Repeat) -> None:
         """Run a block of uses several times; its forked states live and end with it."""
@@ -220,7 +251,7 @@ class _Moment:
         for use in block.uses:
             for edge in self.brain.plan.outgoing.get(use.name, ()):
                 if edge.restarts_in_repeat and edge.reader in names:
-                    self.buffers[edge.name] = self.brain._initial(edge, self.state.batch, self.generator)
+                    self.buffers[edge.name] = self.brain._initial(edge, self.state.batch, self.generators)
         forked: dict[str, State] = {}
         for iteration in range(block.count):
             for use in block.uses:
@@ -231,7 +262,7 @@ class _Moment:
         region = self.brain.region(use.region)
         inputs = {name: self.read(edges[min(iteration, len(edges) - 1)]) for name, edges in use.inputs.items()}
         for name, port in use.defaults.items():
-            inputs[name] = initial_value(port, self.state.batch, self.steps, self.generator)
+            inputs[name] = initial_value(port, self.state.batch, self.steps, self.generators)
         probe = None if self.observer is None else self.observer.probe(use)
         outputs, after = region.step(inputs, self._state_before(use, region, forked), probe)
         if use.policy == "fork" or region.config.carry == "repeat":

@@ -117,6 +117,13 @@ class Plan:
         for edges in self.outgoing.values():
             yield from edges
 
+    @property
+    def stochastic(self) -> bool:
+        """Whether any edge draws spikes at random."""
+        codes = (code for edge in self.edges() for code in (edge.source_port.code, edge.reader_port.code))
+        defaults = (port.code for use in self.uses() for port in use.defaults.values())
+        return any(code is not None and code.stochastic for code in (*codes, *defaults))
+
     def due(self, tick: int) -> Iterator[Use | Repeat]:
         """Yield what runs at ``tick``, in order."""
         return (item for item in self.order if tick % item.period == 0)

@@ -2,12 +2,11 @@
 
 import math
 from collections.abc import Callable, Mapping
-from typing import ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, SerializeAsAny
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 from neurorobo.errors import ConfigError, Fault, did_you_mean
-from neurorobo.regions.config import RegionConfig
 from neurorobo.regions.port import Port
 from neurorobo.units import UnitError, parse_quantity
 
@@ -16,6 +15,11 @@ _FALL: Mapping[str, Callable[[float], float]] = {
     "linear": lambda done: 1.0 - done,
     "cosine": lambda done: (1.0 + math.cos(math.pi * done)) / 2.0,
 }
+
+
+def _as_text(value: object) -> object:
+    """Let a dimensionless error be written as a number; one with a unit is text."""
+    return str(value) if isinstance(value, int | float) and not isinstance(value, bool) else value
 
 
 class DataConfig(BaseModel):
@@ -58,11 +62,9 @@ class SupervisePhase(BaseModel):
 
     phase: Literal["supervise"] = "supervise"
     region: str
-    teacher: SerializeAsAny[RegionConfig] = Field(
-        description="A region with numeric ports, which gives the desired outputs."
-    )
-    data: SerializeAsAny[DataConfig] = Field(description="Where the inputs of both come from.")
-    loss: dict[str, str] = Field(
+    teacher: str | dict[str, Any] = Field(description="A region with numeric ports, which gives the desired outputs.")
+    data: str | dict[str, Any] = Field(description="Where the inputs of both come from.")
+    loss: dict[str, Annotated[str, BeforeValidator(_as_text)]] = Field(
         min_length=1, description="The outputs that are taught, each with the error that counts as one: {move: 0.1 um}."
     )
     train: tuple[str, ...] | None = Field(default=None, description="The parameter groups to train; all if left out.")

@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, get_args
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -23,7 +23,9 @@ class Surrogate:
     width: float = 1.0
 
     def __post_init__(self) -> None:
-        """Refuse a width that is not positive."""
+        """Refuse an unknown shape and a width that is not positive."""
+        if self.shape not in get_args(SurrogateShape):
+            raise ValueError(f"there is no surrogate {self.shape!r}; there are: {', '.join(get_args(SurrogateShape))}")
         if not self.width > 0:
             raise ValueError(f"a surrogate needs a positive width, got {self.width}")
 

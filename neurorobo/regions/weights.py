@@ -34,7 +34,7 @@ def signature_hash(config: RegionConfig, clock: Clock) -> str:
 
 def to_grid(tensor: Tensor, bits: int = GRID_BITS) -> Tensor:
     """Round to multiples of ``2**-bits``."""
-    return torch.round(tensor * 2**bits) / 2**bits
+    return torch.round(tensor * 2.0**bits) / 2.0**bits
 
 
 def save_weights(
@@ -89,6 +89,12 @@ def load_weights(region: Region, path: Path) -> dict[str, str]:
     if faults := _mismatches(wanted, stored):
         raise NeuroroboError(
             f"{path} does not fit this region: {'; '.join(faults)}; train the region as it is configured now"
+        )
+    signature = signature_hash(region.config, region.clock)
+    if metadata.get("signature") != signature:
+        raise NeuroroboError(
+            f"{path} was trained for another configuration ({metadata.get('signature')}, wanted {signature}): sizes, "
+            "ranges, window or period differ; use the configuration it was trained for, or train this one"
         )
     grids = json.loads(metadata.get("fractional_bits", "{}"))
     values = {

@@ -74,12 +74,12 @@ class TaskVectorEnv(VectorEnv[Observation, Observation, NDArray[Any]]):
         info: dict[str, Any] = {}
         if done.any():
             last, metrics = self._observation(), self.task.metrics()
-            for i in np.flatnonzero(done):
-                final = {**metrics[i], "command_interventions": float(self.supervisor.interventions[i])}
-                ended = {"final_obs": {name: values[i] for name, values in last.items()}, "final_info": final}
-                info = self._add_info(info, ended, i)
-            seeds = [int(self._seeds[i].integers(2**31)) for i in np.flatnonzero(done)]
-            self.body.reset(seeds, done)
+            ended: list[int] = np.flatnonzero(done).tolist()
+            for i in ended:
+                figures = {**metrics[i], "command_interventions": float(self.supervisor.interventions[i])}
+                final = {"final_obs": {name: values[i] for name, values in last.items()}, "final_info": figures}
+                info = self._add_info(info, final, i)
+            self.body.reset([int(self._seeds[i].integers(2**31)) for i in ended], done)
             self.task.reset(self.num_envs, done)
             self.supervisor.interventions[done] = 0
         return self._observation(), reward, terminated, truncated, info

@@ -5,11 +5,10 @@ from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, ClassVar, Protocol
+from typing import TYPE_CHECKING, ClassVar, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from torch import Tensor
 
 from neurorobo.bodies import Array
 from neurorobo.experiment.recorder import Recorder, Sample, Setting
@@ -18,17 +17,17 @@ from neurorobo.units import format_duration
 
 if TYPE_CHECKING:
     import rerun
-    from rerun.blueprint import Blueprint, TimeSeriesView, View
+    import rerun.blueprint
 
 FILE = "recording.rrd"
 
 TIMELINES = ("tick", "time")
 
 MOST_NEURONS = 64
-"""The most neurons of a layer in its raster; of a larger one, so many are shown, evenly spaced."""
+"""The most neurons of a layer in a raster; of a larger layer so many are shown, evenly spaced."""
 
 LAYER_GAP = 4
-"""Empty rows between the layers of one raster."""
+"""Empty rows between the layers of a raster."""
 
 PALETTE = (
     (86, 156, 236),
@@ -41,14 +40,15 @@ PALETTE = (
     (189, 160, 137),
 )
 
-Integers = NDArray[np.int64]
+Ticks = NDArray[np.int64]
+Picture = NDArray[np.uint8]
 
 
 @dataclass(frozen=True)
 class Signal:
     """A quantity over an episode: ``values`` (rows, width) in ``unit`` at ``ticks`` (rows,)."""
 
-    ticks: Integers
+    ticks: Ticks
     values: Array
     unit: str
     description: str = ""
@@ -56,24 +56,25 @@ class Signal:
 
 @dataclass(frozen=True)
 class Raster:
-    """The spikes of a step over an episode: a picture of each window at ``ticks`` (windows,).
+    """The spikes of a step over an episode, as a picture of each window at ``ticks`` (windows,).
 
-    ``pictures`` (windows, rows, steps) holds the layers one above the other, the first one lowest and its first neuron in the last
-    row: i + 1 where a neuron of the i-th layer fired, else 0. ``neurons`` counts those of each layer, shown or not.
+    ``pictures`` (windows, rows, steps) hold i + 1 where a neuron of the i-th layer fired, else 0. The layers lie one
+    above the other, the first one lowest and its first neuron in the last row. ``neurons`` counts those of each layer,
+    shown or not.
     """
 
-    ticks: Integers
-    pictures: NDArray[np.uint8]
+    ticks: Ticks
+    pictures: Picture
     neurons: Mapping[str, int]
 
 
 @dataclass(frozen=True)
 class Episode:
-    """One recorded episode.
+    """One recorded episode: its signals by path, and its rasters by step.
 
-    ``signals`` by path: ``body/<sensor>`` as read at the start of each tick and once more at the end of the last, ``command/<actuator>``
-    as carried out, ``steps/<step>/<port>`` and ``rates/<step>/<layer>``, in spikes per neuron and step, whenever the step ran.
-    ``rasters`` by step.
+    The paths are ``body/<sensor>``, read at the start of each tick and once more at the end of the last;
+    ``command/<actuator>``, as carried out; ``steps/<step>/<port>`` and, in spikes per neuron and step,
+    ``rates/<step>/<layer>``, whenever the step ran.
     """
 
     seed: int
@@ -81,8 +82,8 @@ class Episode:
     signals: Mapping[str, Signal]
     rasters: Mapping[str, Raster]
 
-    def indexes(self, ticks: Integers) -> "list[rerun.TimeColumn]":
-        """Return the times of rows, on both timelines: `tick` and `time`."""
+    def indexes(self, ticks: Ticks) -> "list[rerun.TimeColumn]":
+        """Return the times of rows on all `TIMELINES`."""
         import rerun as rr
 
         time = (ticks * self.plan.clock.tick_ns).astype("timedelta64[ns]")
@@ -90,7 +91,7 @@ class Episode:
 
 
 class Scene(Protocol):
-    """Draws a body in a recording; a task names the class of its scene in :attr:`~neurorobo.tasks.task.Task.scene`.
+    """Draws a body in a recording; a task names its own in :attr:`~neurorobo.tasks.task.Task.scene`.
 
     ``legend`` explains the picture, in Markdown.
     """
@@ -103,12 +104,12 @@ class Scene(Protocol):
     def log(self, stream: "rerun.RecordingStream", episode: Episode) -> None:
         """Log what stands still as static, and what moves in columns, at ``episode.indexes``."""
 
-    def view(self) -> "View":
+    def view(self) -> "rerun.blueprint.View":
         """Return the view that shows it."""
 
 
 class RerunRecorder(Recorder):
-    """Writes ``recording.rrd``: the first episode, with the task's scene, every signal and the spike rasters of every step.
+    """Writes ``recording.rrd``: the first episode, with the task's scene, every signal and the spikes of every layer.
 
     Of a step that repeats within a tick, the last iteration is kept.
     """
@@ -120,17 +121,21 @@ class RerunRecorder(Recorder):
         super().__init__(setting)
         self._ended = False
         self._rows: defaultdict[str, list[tuple[int, Array]]] = defaultdict(list)
-        self._pictures: defaultdict[str, list[tuple[int, NDArray[np.uint8]]]] = defaultdict(list)
+        self._pictures: defaultdict[str, list[tuple[int, Picture]]] = defaultdict(list)
         self._neurons: dict[str, dict[str, int]] = {}
         self._labels: dict[str, tuple[str, str]] = {}
-        task = setting.task
-        if task is not None:
-            self._labels |= {f"body/{name}": (it.unit, it.description) for name, it in task.body.sensors.items()}
-            self._labels |= {f"command/{name}": (it.unit, it.description) for name, it in task.body.actuators.items()}
-        for use in setting.plan.uses():
-            self._labels |= {f"steps/{use.name}/{name}": (port.unit, port.description) for name, port in use.outputs.items()}
         self._scene: Scene | None = None
-        if task is not None and task.scene is not None:
+        for use in setting.plan.uses():
+            for name, port in use.outputs.items():
+                self._labels[f"steps/{use.name}/{name}"] = port.unit, port.description
+        task = setting.task
+        if task is None:
+            return
+        for name, sensor in task.body.sensors.items():
+            self._labels[f"body/{name}"] = sensor.unit, sensor.description
+        for name, actuator in task.body.actuators.items():
+            self._labels[f"command/{name}"] = actuator.unit, actuator.description
+        if task.scene is not None:
             module, _, name = task.scene.partition(":")
             self._scene = getattr(importlib.import_module(module), name)(setting)
 
@@ -139,20 +144,21 @@ class RerunRecorder(Recorder):
         if self._ended:
             return
         self._keep("body", sample.tick, sample.observation)
-        if not sample.running[0]:  # other episodes go on: this was what the first one ended with
+        if not sample.running[0]:  # it has ended with this observation, while other episodes go on
             self._ended = True
             return
         self._keep("command", sample.tick, sample.given)
         for step, outputs in sample.outputs.items():
             self._keep(f"steps/{step}", sample.tick, {name: value.numpy() for name, value in outputs.items()})
         for step, layers in sample.spikes.items():
-            first = {layer: spikes[:, 0].numpy() for layer, spikes in layers.items()}
-            self._neurons[step] = {layer: spikes.shape[1] for layer, spikes in first.items()}
-            self._pictures[step].append((sample.tick, _picture([*first.values()])))
-            self._keep(f"rates/{step}", sample.tick, {layer: spikes.mean(keepdims=True) for layer, spikes in first.items()})
+            windows = {layer: spikes[:, 0].numpy() for layer, spikes in layers.items()}
+            self._neurons[step] = {layer: window.shape[1] for layer, window in windows.items()}
+            self._pictures[step].append((sample.tick, _picture([*windows.values()])))
+            rates = {layer: window.mean(keepdims=True) for layer, window in windows.items()}
+            self._keep(f"rates/{step}", sample.tick, rates)
         task = self.setting.task
         if task is not None and not (sample.running & ~task.terminated() & ~task.truncated()).any():
-            # No sample will follow. Only now, as reading a noisy sensor must not disturb an episode.
+            # No sample will follow. While one may, the body is not read: its noise must not depend on a recording.
             self._keep("body", sample.tick + 1, task.body.read())
             self._ended = True
 
@@ -162,19 +168,24 @@ class RerunRecorder(Recorder):
             return None
         import rerun as rr
 
-        name, seed, plan = self.setting.name, self.setting.seeds[0], self.setting.plan
+        name, plan, seed = self.setting.name, self.setting.plan, self.setting.seeds[0]
+        clock = plan.clock
         episode = Episode(seed, plan, dict(self._signals()), dict(self._rasters()))
         path = self.setting.folder / FILE
         # The viewer remembers a changed layout by this name, so every experiment has its own.
         stream = rr.RecordingStream(f"neurorobo {name}")
         stream.save(path, default_blueprint=_blueprint(episode, self._scene))
         stream.send_recording_name(f"{name}, seed {seed}")
-        clock = plan.clock
-        times = {"tick_ns": clock.tick_ns, "spike_step_ns": clock.spike_step_ns, "window": clock.window}
-        stream.send_property("experiment", rr.AnyValues(name=name, seed=seed, **times))
+        stream.send_property(
+            "experiment",
+            rr.AnyValues(
+                name=name, seed=seed, tick_ns=clock.tick_ns, spike_step_ns=clock.spike_step_ns, window=clock.window
+            ),
+        )
+        about = _about(name, episode, self._scene)
+        stream.log("about", rr.TextDocument(about, media_type="text/markdown"), static=True)
         _log_signals(stream, episode)
         _log_rasters(stream, episode)
-        stream.log("about", rr.TextDocument(_about(name, episode, self._scene), media_type="text/markdown"), static=True)
         if self._scene is not None:
             self._scene.log(stream, episode)
         stream.flush()
@@ -183,7 +194,7 @@ class RerunRecorder(Recorder):
 
     def _keep(self, group: str, tick: int, values: Mapping[str, Array]) -> None:
         for name, value in values.items():
-            self._rows[f"{group}/{name}"].append((tick, np.array(value[0], dtype=np.float64)))
+            self._rows[f"{group}/{name}"].append((tick, np.array(value[0], dtype=np.float64, ndmin=1)))
 
     def _signals(self) -> Iterator[tuple[str, Signal]]:
         for path, rows in self._rows.items():
@@ -196,9 +207,9 @@ class RerunRecorder(Recorder):
             yield step, Raster(np.array(ticks), np.stack(pictures), self._neurons[step])
 
 
-def _picture(layers: Sequence[NDArray[np.float32]]) -> NDArray[np.uint8]:
+def _picture(layers: Sequence[NDArray[np.float32]]) -> Picture:
     """Return the picture (rows, steps) of a window of ``layers`` (steps, neurons)."""
-    rows: list[NDArray[np.uint8]] = []
+    rows: list[Picture] = []
     for i, spikes in enumerate(layers):
         if i:
             rows.append(np.zeros((LAYER_GAP, len(spikes)), dtype=np.uint8))
@@ -207,97 +218,134 @@ def _picture(layers: Sequence[NDArray[np.float32]]) -> NDArray[np.uint8]:
     return np.concatenate(rows)[::-1]
 
 
+def _entity(path: str) -> str:
+    """Return a path in which rerun sees nothing special."""
+    import rerun as rr
+
+    return rr.new_entity_path(path.split("/"))
+
+
 def _log_signals(stream: "rerun.RecordingStream", episode: Episode) -> None:
     import rerun as rr
 
     for paths in _plots(episode).values():
-        taken = 0  # colours, within this plot
+        color = 0
         for path in paths:
             signal = episode.signals[path]
             name, width = path.rpartition("/")[2], signal.values.shape[1]
             names = [f"{name}{f'.{i}' if width > 1 else ''} [{signal.unit}]" for i in range(width)]
-            colors = [PALETTE[(taken + i) % len(PALETTE)] for i in range(width)]
-            taken += width
-            mode = "Linear" if path.startswith("body/") else "StepAfter"
-            stream.log(path, rr.SeriesLines(names=names, colors=colors, widths=1.5, interpolation_mode=mode), static=True)
-            columns = rr.Scalars.columns(scalars=signal.values.ravel())
-            stream.send_columns(path, episode.indexes(signal.ticks), columns.partition([width] * len(signal.ticks)))
+            colors = [PALETTE[(color + i) % len(PALETTE)] for i in range(width)]
+            color += width
+            mode: Literal["Linear", "StepAfter"] = "Linear" if path.startswith("body/") else "StepAfter"
+            style = rr.SeriesLines(names=names, colors=colors, widths=1.5, interpolation_mode=mode)
+            stream.log(_entity(path), style, static=True)
+            columns = rr.Scalars.columns(scalars=signal.values.ravel()).partition([width] * len(signal.ticks))
+            stream.send_columns(_entity(path), episode.indexes(signal.ticks), columns)
 
 
 def _log_rasters(stream: "rerun.RecordingStream", episode: Episode) -> None:
+    import pyarrow
     import rerun as rr
 
     for step, raster in episode.rasters.items():
-        path = f"spikes/{step}"
-        # With this range, the colour map begins with a background of its own.
-        stream.log(path, rr.Tensor.from_fields(value_range=(0, len(raster.neurons) + 1)), static=True)
-        pictures = [rr.datatypes.TensorData(array=picture, dim_names=("neuron", "step")) for picture in raster.pictures]
-        stream.send_columns(path, episode.indexes(raster.ticks), rr.Tensor.columns(data=pictures))
+        # Without a range, the viewer would take the colours from 0..255. One more than there are layers, as the
+        # colour map ends in a dark tone again.
+        style = rr.Tensor.from_fields(value_range=(0, len(raster.neurons) + 1))
+        stream.log(_entity(f"spikes/{step}"), style, static=True)
+        tensors = [rr.encodings.TensorData(array=picture, dim_names=("neuron", "step")) for picture in raster.pictures]
+        # A batch is made of one tensor only; a column takes any number of them as an Arrow array.
+        column = pyarrow.concat_arrays([rr.components.TensorDataBatch(tensor).as_arrow_array() for tensor in tensors])
+        columns = rr.Tensor.columns(data=column)
+        stream.send_columns(_entity(f"spikes/{step}"), episode.indexes(raster.ticks), columns)
 
 
-def _plots(episode: Episode) -> dict[str, list[str]]:
-    """Return the paths that share a plot, by its title: each quantity of the body has its own, a step has one for each unit."""
+def _plots(episode: Episode, *groups: str) -> dict[str, list[str]]:
+    """Return the paths that share a plot, by its title.
+
+    A quantity of the body has its own plot; a step has one for each unit, and one for the rates of its layers.
+    """
+    regions = {use.name: use.region for use in episode.plan.uses()}
     plots: defaultdict[str, list[str]] = defaultdict(list)
     for path, signal in episode.signals.items():
-        group, name = path.split("/", 1)
-        if group == "steps":
-            title = name.split("/")[0]
+        group, name = path.split("/")[:2]
+        if group == "rates":
+            title = f"{name} by {regions[name]}: spikes per neuron and step"
+        elif group == "steps":
+            title = f"{name} by {regions[name]} [{signal.unit}]"
         else:
-            title = f"{group}.{name}" + (f": {signal.description.rstrip('.')}" if signal.description else "")
-        plots[f"{title} [{signal.unit}]"].append(path)
+            about = f": {signal.description.rstrip('.')}" if signal.description else ""
+            title = f"{group}.{name}{about} [{signal.unit}]"
+        if not groups or group in groups:
+            plots[title].append(path)
     return dict(plots)
 
 
 def _about(name: str, episode: Episode, scene: Scene | None) -> str:
     """Explain the recording, in Markdown."""
     clock = episode.plan.clock
-    text = f"# {name}, seed {episode.seed}\n"
+    parts = [f"# {name}, seed {episode.seed}"]
     if scene is not None:
-        text += scene.legend
-    text += f"\n**Plots**: a tick lasts {format_duration(clock.tick_ns)}; sensors are read when it begins, commands hold until it ends.\n"
+        parts.append(scene.legend)
+    parts.append(
+        f"**Plots**: a tick lasts {format_duration(clock.tick_ns)}. Sensors, if any, are read when it begins, and once "
+        "more at the very end; commands and outputs hold from the beginning of a tick."
+    )
     if episode.rasters:
-        text += (
-            f"\n**Spikes**: each dot is one, each row a neuron, each colour a layer; of a large layer, {MOST_NEURONS} neurons are shown. "
-            f"The window of {clock.window} steps of {format_duration(clock.spike_step_ns)} lies at the start of its tick: zoom in, or choose "
-            "the timeline `spike_step` below, on which all windows stand side by side. Of a step that repeats, this is the last iteration.\n"
+        parts.append(
+            f"**Spikes**: the latest window of a region, {clock.window} steps of "
+            f"{format_duration(clock.spike_step_ns)} from left to right. A row is a neuron, a colour a layer, the "
+            f"first layer lowest; {MOST_NEURONS}/1000 means that {MOST_NEURONS} of its 1000 neurons are shown."
         )
-    return text
+    return "\n\n".join(parts)
 
 
-def _blueprint(episode: Episode, scene: Scene | None) -> "Blueprint":
-    """Lay out the scene on the left, the body's signals and the spikes beside it, and the signals of all steps on a second tab."""
+def _blueprint(episode: Episode, scene: Scene | None) -> "rerun.blueprint.Blueprint":
+    """Lay out what a viewer sees first: an overview, and tabs with the spikes and the outputs of every step."""
     import rerun as rr
     import rerun.blueprint as rrb
-    from rerun.blueprint.components import LinkAxis
 
     regions = {use.name: use.region for use in episode.plan.uses()}
-    axis = rrb.TimeAxis(link=LinkAxis.LinkToGlobal)
 
-    def plot(title: str, paths: Sequence[str]) -> "TimeSeriesView":
-        several = len(paths) > 1 or episode.signals[paths[0]].values.shape[1] > 1
-        return rrb.TimeSeriesView(
-            name=title, contents=[f"+ /{path}" for path in paths], axis_x=axis, plot_legend=rrb.PlotLegend(visible=several)
+    # Else the viewer shows a minute at most.
+    whole = rr.TimeRange(start=rrb.TimeRangeBoundary.infinite(), end=rrb.TimeRangeBoundary.infinite())
+
+    def plots(*groups: str) -> list[rrb.View]:
+        views: list[rrb.View] = []
+        for title, paths in _plots(episode, *groups).items():
+            several = len(paths) > 1 or episode.signals[paths[0]].values.shape[1] > 1
+            view = rrb.TimeSeriesView(
+                name=title,
+                contents=[f"+ {_entity(path)}" for path in paths],
+                axis_x=rrb.TimeAxis(view_range=whole),
+                plot_legend=rrb.PlotLegend(visible=several),
+            )
+            views.append(view)
+        return views
+
+    def raster(step: str) -> rrb.View:
+        sizes = episode.rasters[step].neurons
+        layers = [f"{layer} {f'{MOST_NEURONS}/' if size > MOST_NEURONS else ''}{size}" for layer, size in sizes.items()]
+        return rrb.TensorView(
+            name=f"{step} by {regions[step]}: {', '.join(layers)}",
+            origin=_entity(f"spikes/{step}"),
+            scalar_mapping=rrb.TensorScalarMapping(colormap="turbo", mag_filter="nearest"),
+            view_fit="Fill",
         )
 
-    def raster(step: str, layers: Mapping[str, Raster]) -> "TimeSeriesView":
-        names = ", ".join(f"{layer} ({it.neurons})" for layer, it in layers.items())
-        return rrb.TimeSeriesView(
-            name=f"{step} by {regions[step]}, from below: {names}",
-            origin=rr.new_entity_path(["spikes", step]),
-            axis_x=axis,
-            plot_legend=rrb.PlotLegend(visible=False),
-        )
-
-    plots = _plots(episode)
-    body = [plot(title, paths) for title, paths in plots.items() if not paths[0].startswith("steps/")]
-    steps = [plot(title, paths) for title, paths in plots.items() if paths[0].startswith("steps/")]
-    spikes = [raster(step, layers) for step, layers in episode.rasters.items()]
+    signals, steps, rates = plots("body", "command"), plots("steps"), plots("rates")
+    last_uses = {regions[step]: step for step in episode.rasters}.values()
     about = rrb.TextDocumentView(origin="/about", name="About")
     left = about if scene is None else rrb.Vertical(scene.view(), about, row_shares=[5, 2])
-    columns = [rrb.Vertical(*views) for views in (body or steps, spikes) if views]
-    overview = rrb.Horizontal(left, *columns, name="Overview")
+    columns = [rrb.Vertical(*views) for views in (signals or steps, [*map(raster, last_uses)]) if views]
+    shares = [1 if scene is None else 2, *(2 for _ in columns)]
+    tabs: list[rrb.Container] = [rrb.Horizontal(left, *columns, column_shares=shares, name="Overview")]
+    if rates:
+        rasters = rrb.Grid(*map(raster, episode.rasters))
+        tabs.append(rrb.Vertical(rasters, rrb.Grid(*rates), row_shares=[3, 2], name="Spikes"))
+    if signals and steps:
+        tabs.append(rrb.Grid(*steps, name="Steps"))
     return rrb.Blueprint(
-        rrb.Tabs(overview, rrb.Grid(*steps, name="Steps"), active_tab=0) if body and steps else overview,
+        rrb.Tabs(*tabs, active_tab=0),
         rrb.TimePanel(timeline="time", state="collapsed", play_state="playing", loop_mode="all"),
         rrb.SelectionPanel(state="hidden"),
         rrb.BlueprintPanel(state="hidden"),

@@ -39,7 +39,10 @@ def supervisor(body: NearTheEnd) -> Supervisor:
 
 
 def advance(
-    supervisor: Supervisor, speed: list[float], nudge: list[list[float]] | None = None, running: tuple[int, ...] = (1, 1, 1)
+    supervisor: Supervisor,
+    speed: list[float],
+    nudge: list[list[float]] | None = None,
+    running: tuple[int, ...] = (1, 1, 1),
 ) -> dict[str, Array]:
     commands = {"speed": np.array(speed)[:, None]}
     if nudge is not None:

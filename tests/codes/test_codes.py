@@ -121,9 +121,7 @@ def test_population_uniform_fires_each_neuron_at_even_intervals(neurons: int, st
 
 
 @given(neurons=neurons, steps=windows, fraction=fractions)
-def test_population_uniform_spreads_the_spikes_evenly_over_the_steps(
-    neurons: int, steps: int, fraction: float
-) -> None:
+def test_population_uniform_spreads_the_spikes_evenly_over_the_steps(neurons: int, steps: int, fraction: float) -> None:
     together = PopulationUniform(neurons, 0.0, 1.0).encode(column(fraction), steps).sum((1, 2))
     assert together.max() - together.min() <= 1
 

@@ -66,8 +66,10 @@ def test_spikes_and_gradients_are_those_of_the_reference(
     found, gradients = problem.solve(run_window, neuron, recurrent=recurrent)
     assert torch.equal(found[:-1], expected[:-1])
     assert 0.1 < found[:-1].mean() < 0.9  # or nothing was compared
-    assert gradients.keys() == expected_gradients.keys() == problem.leaves.keys() - (
-        set() if recurrent else {"recurrent_weight"}
+    assert (
+        gradients.keys()
+        == expected_gradients.keys()
+        == problem.leaves.keys() - (set() if recurrent else {"recurrent_weight"})
     )
     for name, gradient in gradients.items():
         scale = expected_gradients[name].abs().max()

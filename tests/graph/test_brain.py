@@ -48,7 +48,7 @@ class Listener:
 def run(
     brain: Brain, forces: Sequence[float], state: BrainState | None = None
 ) -> tuple[list[tuple[int, str, int, float]], BrainState]:
-    state = state or brain.init_state(1, seed=0)
+    state = state or brain.init_state([0])
     listener = Listener()
     for force in forces:
         listener.tick = state.tick
@@ -215,13 +215,13 @@ def test_numbers_become_spikes_and_back_and_different_codes_are_recoded() -> Non
         "encode",
         "recode",
     ]
-    commands, _ = brain.tick({"force": torch.tensor([[41.3], [99.0]])}, brain.init_state(2, 0))
+    commands, _ = brain.tick({"force": torch.tensor([[41.3], [99.0]])}, brain.init_state([0, 0]))
     assert commands["push"].flatten().tolist() == pytest.approx([41.0, 99.0])
 
 
 def test_an_unwired_spiking_input_carries_its_initial_value() -> None:
     brain = brain_of({"relay": SpikingRelayConfig()}, [StepSpec("a", "relay")], {"push": "a.same"})
-    commands, _ = brain.tick({"force": torch.zeros(3, 1)}, brain.init_state(3, 0))
+    commands, _ = brain.tick({"force": torch.zeros(3, 1)}, brain.init_state([0, 0, 0]))
     assert commands["push"].flatten().tolist() == [10.0] * 3
 
 
@@ -261,11 +261,11 @@ def test_a_tick_leaves_the_state_it_was_given_as_it_was() -> None:
 
 def test_a_reset_run_is_at_its_start_and_the_others_go_on() -> None:
     brain = everything()
-    state = brain.init_state(2, 0)
+    state = brain.init_state([0, 0])
     for force in (3.0, 4.0, 5.0, 6.0):
         _, state = brain.tick({"force": torch.full((2, 1), force)}, state)
-    reset = brain.reset(state, torch.tensor([True, False]), seed=0)
-    start = brain.init_state(2, 0)
+    reset = brain.reset(state, torch.tensor([True, False]), seeds=[0, 0])
+    start = brain.init_state([0, 0])
     for name, values_now in reset.buffers.items():
         for now, old, new in zip(values_now, state.buffers[name], start.buffers[name], strict=True):
             row = now.dim() - 2

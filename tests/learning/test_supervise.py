@@ -13,7 +13,7 @@ from neurorobo.clock import Clock
 from neurorobo.codes import PopulationUniform
 from neurorobo.engine import Layer
 from neurorobo.errors import ConfigError, NeuroroboError
-from neurorobo.learning.phase import DataConfig, SupervisePhase, Unroll
+from neurorobo.learning.phase import SupervisePhase, Unroll
 from neurorobo.learning.supervise import Checkpoints, Progress, evaluate, supervise
 from neurorobo.neurons import LIF
 from neurorobo.regions.config import RegionConfig
@@ -82,11 +82,6 @@ class Numbers(Region):
         return {"y": y}, {"uses": state["uses"] + 1}
 
 
-class EvenDataConfig(DataConfig):
-    implementation: ClassVar[str] = "none"
-    type: str = "even"
-
-
 class EvenData:
     def draw(self, batch: int, generator: torch.Generator) -> dict[str, Tensor]:
         return {"x": torch.rand(batch, 2, generator=generator) * 2 - 1}
@@ -97,7 +92,7 @@ def spiking() -> Spiking:
 
 
 def phase(**settings: Any) -> SupervisePhase:
-    given = {"region": "cortex", "teacher": NumbersConfig(), "data": EvenDataConfig(), "loss": {"y": "0.1 um"}}
+    given = {"region": "cortex", "teacher": "numbers", "data": {"type": "even"}, "loss": {"y": "0.1 um"}}
     return SupervisePhase.model_validate({**given, "steps": 20, "batch": 8, **settings})
 
 

@@ -62,6 +62,11 @@ def test_the_shapes_are_those_of_snntorch() -> None:
     assert torch.allclose(Surrogate("fast_sigmoid", width).derivative(x), fast_sigmoid, rtol=1e-5)
 
 
+def test_an_unknown_shape_is_refused_with_those_there_are() -> None:
+    with pytest.raises(ValueError, match="no surrogate 'gaussian'; there are: rectangular, triangular, arctan"):
+        Surrogate("gaussian")  # type: ignore[arg-type]
+
+
 def test_a_surrogate_without_width_is_refused() -> None:
     with pytest.raises(ValueError, match="positive width"):
         Surrogate("arctan", 0.0)

@@ -6,17 +6,14 @@ from typing import Any
 
 import pytest
 import torch
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from precision_interaction.analytic_configs import PredictiveConfig
 from precision_interaction.cerebellum import Cerebellum
-from precision_interaction.cerebellum_config import CerebellumConfig, StaggeredUniform
+from precision_interaction.cerebellum_config import CerebellumConfig
 from precision_interaction.compensation_data import CompensationStates, CompensationStatesConfig
 from precision_interaction.compensators import PredictiveCompensator
 from torch import Tensor
 
 from neurorobo.clock import Clock
-from neurorobo.codes import PopulationUniform
 from neurorobo.errors import ConfigError
 from neurorobo.learning.phase import SupervisePhase
 from neurorobo.learning.supervise import evaluate, supervise
@@ -47,28 +44,6 @@ def spikes(region: Cerebellum, values: dict[str, Tensor]) -> dict[str, Tensor]:
 def test_configurations_do_not_import_torch(module: str) -> None:
     check = f"import sys, precision_interaction.{module}; sys.exit('torch' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", check], check=False).returncode == 0
-
-
-@settings(deadline=None)
-@given(count=st.integers(0, 400), neurons=st.sampled_from([1, 5, 8]))
-def test_staggered_spikes_are_even_over_neurons_and_steps(count: int, neurons: int) -> None:
-    count = min(count, 50 * neurons)
-    code = StaggeredUniform(neurons, 0.0, 50.0 * neurons)
-    value = torch.tensor([[float(count)]])
-    fired = code.encode(value, 50)
-    assert fired.shape == (50, 1, neurons)
-    assert code.decode(fired).item() == pytest.approx(count)
-    for axis in (1, 0):  # spikes of each neuron, spikes at each step
-        sums = fired[:, 0].sum(1 - axis)
-        assert sums.max() - sums.min() <= 1
-
-
-def test_staggered_and_plain_population_codes_count_alike() -> None:
-    values = torch.linspace(-4.0, 4.0, 333).unsqueeze(1)
-    plain, staggered = PopulationUniform(8, -3.0, 3.5), StaggeredUniform(8, -3.0, 3.5)
-    torch.testing.assert_close(
-        staggered.decode(staggered.encode(values, 50)), plain.decode(plain.encode(values, 50)), rtol=0, atol=0
-    )
 
 
 @pytest.mark.parametrize("period_ms", PERIODS_MS)
@@ -186,8 +161,8 @@ def test_training_brings_it_nearer_to_its_teacher_and_keeps_the_signs() -> None:
     data = CompensationStates(CompensationStatesConfig(), clock())
     phase = SupervisePhase(
         region="cerebellum",
-        teacher=PredictiveConfig(),
-        data=CompensationStatesConfig(),
+        teacher="precision.predictive",
+        data="precision.compensation_states",
         loss={"move": "0.1 um", "residual": "8 mN"},
         freeze=("granule",),
         steps=80,

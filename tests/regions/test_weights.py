@@ -178,11 +178,14 @@ def test_the_signature_tells_apart_what_trained_weights_depend_on() -> None:
     same = [NetConfig(weights="elsewhere.safetensors"), NetConfig(carry="always")]
     assert {signature_hash(config, CLOCK) for config in same} == {signature_hash(plain, CLOCK)}
     longer = Clock({"control": 1000 * MS}, MS, 40)
-    assert len({signature_hash(plain, CLOCK), signature_hash(NetConfig(hidden=9), CLOCK), signature_hash(plain, longer)}) == 3
+    assert (
+        len({signature_hash(plain, CLOCK), signature_hash(NetConfig(hidden=9), CLOCK), signature_hash(plain, longer)})
+        == 3
+    )
 
 
 def test_a_region_that_ships_no_weights_says_so() -> None:
-    with pytest.raises(NeuroroboError, match="`toy.net` ships no weights"):
+    with pytest.raises(NeuroroboError, match=r"`toy\.net` ships no weights"):
         pretrained_path(NetConfig(), CLOCK)
 
 

@@ -38,20 +38,9 @@ class Cerebellum(Region):
             ],
             neuron,
         )
-        self.output = Layer([Dense(config.nuclei, outputs, generator, gain=0.2)], neuron)
-        self._give_each_output_its_nuclei(config)
-
-    @torch.no_grad()
-    def _give_each_output_its_nuclei(self, config: CerebellumConfig) -> None:
-        """Let each output component start from a share of the nuclei, read with graded weights; training mixes them."""
-        share = config.nuclei // OUTPUTS
-        grade = torch.linspace(0.45, 0.05, config.output_neurons)
-        weight = self.output.projections[0].matrix()
-        for output in range(OUTPUTS):
-            rows = weight[output * config.output_neurons : (output + 1) * config.output_neurons]
-            for nucleus in range(share):
-                sign = 1 if nucleus % 2 == 0 else -1
-                rows[:, output * share + nucleus] += (0.35 + sign * grade) * min(1.0, 2.0 / share)
+        readout = Dense(config.nuclei, outputs, generator, gain=0.2)
+        _give_each_output_its_nuclei(readout.weight, config)
+        self.output = Layer([readout], neuron)
 
     def step(
         self, inputs: Mapping[str, Tensor], state: State, probe: Probe | None = None
@@ -73,3 +62,15 @@ class Cerebellum(Region):
                 probe(layer, spikes)
         move, residual = output.chunk(2, dim=-1)
         return {"move": move, "residual": residual, "velocity": move}, state
+
+
+@torch.no_grad()
+def _give_each_output_its_nuclei(weight: Tensor, config: CerebellumConfig) -> None:
+    """Let each output component start from a share of the nuclei, read with graded weights; training mixes them."""
+    share = config.nuclei // OUTPUTS
+    grade = torch.linspace(0.45, 0.05, config.output_neurons)
+    for output in range(OUTPUTS):
+        rows = weight[output * config.output_neurons : (output + 1) * config.output_neurons]
+        for nucleus in range(share):
+            sign = 1 if nucleus % 2 == 0 else -1
+            rows[:, output * share + nucleus] += (0.35 + sign * grade) * min(1.0, 2.0 / share)

@@ -1,8 +1,7 @@
 """The configuration of the spiking cerebellum: sizes and codes; imports no torch."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import Field
 
@@ -12,35 +11,12 @@ from neurorobo.errors import ConfigError, Fault
 from neurorobo.regions import Port, RegionConfig
 from neurorobo.units import Interval, Unit
 
-if TYPE_CHECKING:
-    import torch
-    from torch import Tensor
-
 Velocities = Annotated[Interval, Unit("um/s")]
 Forces = Annotated[Interval, Unit("mN")]
 Variances = Annotated[Interval, Unit("mN^2")]
 Moves = Annotated[Interval, Unit("um")]
 
 PORTS = ("force", "velocity", "mean", "variance", "move", "residual")
-
-
-@dataclass(frozen=True)
-class StaggeredUniform(PopulationUniform):
-    """The population uniform code with neuron n of N shifted by n/N of an interval, whatever the value.
-
-    Neuron n has fired ``floor(k t / (N T) + n / N)`` times after t of T steps, so that all together have fired
-    ``floor(k t / T)`` times (Hermite's identity): as even in time as spikes can be, never in volleys.
-    """
-
-    def encode(self, values: "Tensor", steps: int, generator: "torch.Generator | None" = None) -> "Tensor":
-        """Return the spikes of ``values``; deterministic."""
-        import torch
-
-        slots = self.neurons * steps
-        count = (self.fraction(values) * slots).round().long()[..., None, None]
-        shift = steps * torch.arange(self.neurons)[:, None]
-        fired = (torch.arange(steps + 1) * count + shift) // slots
-        return fired.diff(dim=-1).flatten(1, 2).permute(2, 0, 1).to(values.dtype)
 
 
 class CerebellumConfig(RegionConfig):
@@ -83,7 +59,7 @@ class CerebellumConfig(RegionConfig):
 
     def inputs(self, clock: Clock) -> dict[str, Port]:
         """Radial force, radial velocity of the period before, and mean and variance of the contact to come."""
-        code = {name: StaggeredUniform(self.mossy_fibres, r.lo, r.hi) for name, r in self.ranges(clock).items()}
+        code = {name: PopulationUniform(self.mossy_fibres, r.lo, r.hi) for name, r in self.ranges(clock).items()}
         return {
             "force": Port("mN", 2, code["force"], description="Radial force."),
             "velocity": Port(

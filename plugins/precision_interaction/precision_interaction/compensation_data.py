@@ -1,4 +1,4 @@
-"""Training data of the cerebellum: states of the radial loop, as they occur and beyond; its configuration is torch-free."""
+"""Training data of the cerebellum: states of the radial loop, as they occur and beyond; the module imports no torch."""
 
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 
@@ -19,8 +19,9 @@ if TYPE_CHECKING:
 class CompensationStatesConfig(DataConfig):
     """Force, velocity and expected contact of single radial periods.
 
-    Most states are like those of a running insertion: any axial speed, the contact expected there, small forces, and a
-    velocity that follows the contact. A tenth or two of each quantity is spread evenly over all that can occur instead.
+    Most states are like those of a running insertion: any axial speed, often the largest, the contact expected there,
+    small forces, and a velocity that follows the contact. A tenth or so of each quantity is spread evenly over all that
+    can occur instead.
     """
 
     implementation: ClassVar[str] = "precision_interaction.compensation_data:CompensationStates"
@@ -66,7 +67,9 @@ class CompensationStates:
 
         period_s = self.period_s
         touching = (uniform(1) > 0.12).float()
-        distance_um = uniform(1) * self.max_speed_um_s * period_s * touching
+        cruising = 1.0 - 0.04 * uniform(1)
+        share = torch.where(uniform(1) < 0.3, cruising, uniform(1)) * touching
+        distance_um = share * self.max_speed_um_s * period_s
         forgetful = 2.5 * period_s  # the expectation is that of a spiking network
         mean_mN = distance_um * torch.tensor(table_one.PROPORTIONAL_MEAN_MN_UM) + forgetful * normal()
         variance_mN2 = distance_um * torch.tensor(table_one.PROPORTIONAL_VARIANCE_MN2_UM) + forgetful * normal()

@@ -18,7 +18,8 @@ SURROGATE = Surrogate("arctan", 1.0)
 class Hippocampus(Region):
     """Speed and feedback -> recurrent spiking neural units -> mean and variance (Sec. IV-B, Fig. 2).
 
-    Nothing fires without input, so no speed means no contact. The state is the hidden layer's potential, which also says who fired last.
+    Nothing fires without input, so no speed means no contact. The state is the hidden layer's potential, which also
+    says who fired last; the output neurons start every window at rest.
     """
 
     config: HippocampusConfig
@@ -27,7 +28,10 @@ class Hippocampus(Region):
         super().__init__(config, clock, generator)
         hidden = config.hidden_neurons
         self.hidden = Layer(
-            [Dense(port.channels, hidden, generator, gain=2.0 if name == "speed" else 1.0) for name, port in self.input_ports.items()],
+            [
+                Dense(port.channels, hidden, generator, gain=2.0 if name == "speed" else 1.0)
+                for name, port in self.input_ports.items()
+            ],
             spiking_neural_unit(surrogate=SURROGATE),
             recurrent=Dense(hidden, hidden, generator, gain=0.5),
             trainable_threshold=True,
@@ -42,7 +46,7 @@ class Hippocampus(Region):
     def step(
         self, inputs: Mapping[str, Tensor], state: State, probe: Probe | None = None
     ) -> tuple[dict[str, Tensor], State]:
-        """Look one period further ahead; the output neurons start each window at rest."""
+        """Look one period further ahead than the feedback does."""
         hidden, potential = self.hidden([inputs[name] for name in self.input_ports], state["hidden"])
         output, _ = self.output([hidden], self.output.at_rest(hidden.shape[1]))
         if probe is not None:

@@ -10,14 +10,14 @@ from neurorobo.errors import ConfigError, Fault
 from neurorobo.regions import Port, RegionConfig
 from neurorobo.units import Interval, Unit
 from precision_interaction import table_one
-from precision_interaction.cerebellum_config import StaggeredUniform
 
 
 class HippocampusConfig(RegionConfig):
-    """The double-recurrent network that expects the coming contact (Sec. IV-B): speed -> mean and variance, Eq. 1, 8, 35.
+    """The double-recurrent network that expects the coming contact: speed -> mean, variance (Sec. IV-B, Eq. 1, 8, 35).
 
-    Inside, spiking neural units excite one another; outside, the outputs of one window feed the next, each use looking one period
-    further ahead. The law is that of one radial period: the ranges of its codes scale with the period, the spikes stay the same.
+    Inside, spiking neural units excite one another; outside, the outputs of one window feed the next, each use looking
+    one period further ahead. The law is that of one radial period: the ranges of its codes scale with the period, the
+    spikes stay the same.
     """
 
     implementation: ClassVar[str] = "precision_interaction.hippocampus:Hippocampus"
@@ -26,7 +26,9 @@ class HippocampusConfig(RegionConfig):
     type: Literal["precision.hippocampus"] = "precision.hippocampus"
     carry: Literal["never", "repeat", "always"] = "repeat"
     period: str = Field(default="radial", description="Name of the period whose contact is expected, as under `time`.")
-    outer: bool = Field(default=True, description="Whether the outputs of one window feed the next (the outer recurrence).")
+    outer: bool = Field(
+        default=True, description="Whether the outputs of one window feed the next (the outer recurrence)."
+    )
     start_speed: Annotated[float, Unit("um/s", ge=0)] = Field(
         default=table_one.CREEP_SPEED_UM_S, description="The speed before anything is planned."
     )
@@ -34,7 +36,8 @@ class HippocampusConfig(RegionConfig):
         default=Interval(0.0, table_one.MAX_SPEED_UM_S), description="Range of the speed's code."
     )
     mean_range: Annotated[Interval, Unit("mN")] = Field(
-        default=Interval(0.0, 360.0), description="Range of the mean's code at a period of 1 s, up to the furthest look ahead."
+        default=Interval(0.0, 360.0),
+        description="Range of the mean's code at a period of 1 s, up to the furthest look ahead.",
     )
     variance_range: Annotated[Interval, Unit("mN^2")] = Field(
         default=Interval(0.0, 360.0), description="Range of the variance's code at a period of 1 s, likewise."
@@ -45,7 +48,7 @@ class HippocampusConfig(RegionConfig):
 
     def inputs(self, clock: Clock) -> dict[str, Port]:
         """Axial speed, and the expectation of the window before in the code of the outputs."""
-        speed = StaggeredUniform(self.speed_neurons, self.speed_range.lo, self.speed_range.hi)
+        speed = PopulationUniform(self.speed_neurons, self.speed_range.lo, self.speed_range.hi)
         ports = {"speed": Port("um/s", 1, speed, (self.start_speed,), "Axial speed of the period.")}
         if self.outer:
             mean, variance = self._codes(clock)

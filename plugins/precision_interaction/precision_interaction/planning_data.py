@@ -21,8 +21,8 @@ FORECAST_MN = 20.0
 class PlanningStatesConfig(DataConfig):
     """States for the planner and the prefrontal cortex, made up without simulating a run.
 
-    Distance, speed and beta always cover their ranges, densest where one brakes. Forces and variances are those of a run that
-    goes well or, for the share `off_policy`, anything up to `largest_force` and `largest_variance`.
+    Distance, speed and beta always cover their ranges, densest where one brakes. Forces and variances are those of a
+    run that goes well or, for the share `off_policy`, anything up to `largest_force` and `largest_variance`.
     """
 
     implementation: ClassVar[str] = "precision_interaction.planning_data:PlanningStates"
@@ -37,7 +37,9 @@ class PlanningStatesConfig(DataConfig):
         default=table_one.MAX_ACCELERATION_UM_S2, description="The teacher's, which shapes the braking."
     )
     off_policy: Annotated[float, Unit("1", ge=0, le=1)] = 0.5
-    largest_force: Annotated[float, Unit("mN", gt=0)] = Field(default=60.0, description="Per axis; so for the forecast.")
+    largest_force: Annotated[float, Unit("mN", gt=0)] = Field(
+        default=60.0, description="Per axis; so for the forecast."
+    )
     largest_variance: Annotated[float, Unit("mN^2", gt=0)] = 360.0
 
 
@@ -48,7 +50,7 @@ class PlanningStates:
         self._config = config
 
     def draw(self, batch: int, generator: "torch.Generator") -> "dict[str, Tensor]":
-        """Return force, forecast (mN), variance (mN^2), (batch, 2) each; remaining (um), speed (um/s), beta, (batch, 1)."""
+        """Return force, forecast (mN), variance (mN^2), remaining (um), speed (um/s) and beta, (batch, width) each."""
         import torch
 
         from precision_interaction.planner import stopping_speed
@@ -72,7 +74,7 @@ class PlanningStates:
             uniform(0.0, config.braking),
             uniform(0.0, 0.15 * config.braking),
         )
-        change_um_s = config.max_acceleration
+        change_um_s = config.max_acceleration  # in one axial period of 1 s
         braking_um_s = stopping_speed(remaining_um, max_acceleration_um_s2=config.max_acceleration)
         speed_um_s = mixture(
             [0.3, 0.15, 0.4, 0.15],
@@ -87,7 +89,9 @@ class PlanningStates:
         return {
             "force": mixture(share, normal(FORCE_MN), uniform(-config.largest_force, config.largest_force, 2)),
             "forecast": mixture(share, normal(FORECAST_MN), uniform(-config.largest_force, config.largest_force, 2)),
-            "variance": mixture(share, expected_mN2 * uniform(0.8, 1.2, 2), uniform(0.0, config.largest_variance, 2)),
+            "variance": mixture(
+                share, expected_mN2 * uniform(0.8, 1.2, 2), uniform(0.0, config.largest_variance, 2)
+            ).clamp(max=config.largest_variance),
             "remaining": remaining_um,
             "speed": speed_um_s,
             "beta": beta,

@@ -4,24 +4,24 @@ from collections.abc import Mapping
 from itertools import pairwise
 
 import torch
+from torch import Tensor, nn
+
 from neurorobo.clock import Clock
 from neurorobo.engine import Layer
 from neurorobo.neurons import LIF, Surrogate
 from neurorobo.regions.region import Probe, Region, State
 from neurorobo.synapses import Dense
-from torch import Tensor, nn
-
 from precision_interaction.prefrontal_cortex_config import PrefrontalCortexConfig
 
-NEURON = LIF(surrogate=Surrogate("arctan", 1.0))
+NEURON = LIF(surrogate=Surrogate("rectangular", 1.0))
 
 
 class Block(nn.Module):
-    """Isolated neurons that read some of the inputs, and a weighted read-out of their firing rates that says what they have learned."""
+    """Isolated neurons that read some of the inputs, and a weighted sum of their rates that says what they know."""
 
     def __init__(self, sources: int, neurons: int, generator: torch.Generator) -> None:
         super().__init__()
-        self.layer = Layer([Dense(sources, neurons, generator, gain=3.0)], NEURON)
+        self.layer = Layer([Dense(sources, neurons, generator, gain=1.5)], NEURON)
         self.weight = nn.Parameter(torch.randn(neurons, generator=generator) / neurons**0.5)
 
     def forward(self, spikes: Tensor) -> tuple[Tensor, Tensor]:
@@ -31,10 +31,10 @@ class Block(nn.Module):
 
 
 class PrefrontalCortex(Region):
-    """Two blocks and a general part side by side, then fully connected layers down to speed and beta (Sec. IV-D, Fig. 4).
+    """Two blocks and a general part side by side, then dense layers down to speed and beta (Sec. IV-D, Fig. 4).
 
-    Every layer starts each window at rest. The blocks' values are for teaching (Eq. 11) and watching them; what comes after
-    reads their spikes. Parameter groups: prediction, terminal, general, and later (the layers after the second).
+    Every layer starts each window at rest. The blocks' values are for teaching (Eq. 11) and watching them; what comes
+    after reads their spikes. Parameter groups: prediction, terminal, general, and later (the layers after the second).
     """
 
     config: PrefrontalCortexConfig
@@ -44,11 +44,11 @@ class PrefrontalCortex(Region):
         channels = {name: port.channels for name, port in self.input_ports.items()}
         self.prediction = Block(channels["forecast"] + channels["variance"], config.prediction_neurons, generator)
         self.terminal = Block(channels["remaining"] + channels["speed"], config.terminal_neurons, generator)
-        self.general = Layer([Dense(sum(channels.values()), config.general_neurons, generator, gain=3.0)], NEURON)
+        self.general = Layer([Dense(sum(channels.values()), config.general_neurons, generator, gain=1.5)], NEURON)
         second = config.prediction_neurons + config.terminal_neurons + config.general_neurons
         sizes = (second, *config.hidden_neurons, 2 * config.output_neurons)
         self.later = nn.ModuleList(
-            Layer([Dense(before, after, generator, gain=2.0)], NEURON) for before, after in pairwise(sizes)
+            Layer([Dense(before, after, generator, gain=1.5)], NEURON) for before, after in pairwise(sizes)
         )
 
     def step(

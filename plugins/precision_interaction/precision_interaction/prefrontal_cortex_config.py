@@ -9,7 +9,6 @@ from neurorobo.codes import CoarseFine, PopulationUniform
 from neurorobo.regions import Port, RegionConfig
 from neurorobo.units import Interval, Unit
 from precision_interaction import table_one
-from precision_interaction.cerebellum_config import StaggeredUniform
 
 Neurons = Annotated[int, Field(ge=1)]
 
@@ -19,11 +18,11 @@ class InputNeurons(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    force: Neurons = 5
-    forecast: Neurons = 6
+    force: Neurons = 4
+    forecast: Neurons = 5
     variance: Neurons = 2
     remaining: Neurons = Field(default=4, description="Over the whole distance.")
-    braking: Neurons = Field(default=12, description="Over the last part of the distance, beside those over the whole.")
+    braking: Neurons = Field(default=16, description="Over the last part of the distance, beside those over the whole.")
     speed: Neurons = 18
     beta: Neurons = 4
 
@@ -31,8 +30,8 @@ class InputNeurons(BaseModel):
 class PrefrontalCortexConfig(RegionConfig):
     """The block-based feed-forward network that plans the axial speed (Sec. IV-D, Fig. 4).
 
-    Two blocks of the second layer stand apart: one reads the forecast and its variance and learns C_p (Eq. 21-22), one reads the
-    distance left and the speed and learns the terminal signal s_l (Eq. 26). What is left of the layer reads everything.
+    Two blocks of the second layer stand apart: one reads the forecast and its variance and learns C_p (Eq. 21-22), one
+    reads the distance left and the speed and learns the terminal signal s_l (Eq. 26). The rest of the layer reads all.
     """
 
     implementation: ClassVar[str] = "precision_interaction.prefrontal_cortex:PrefrontalCortex"
@@ -50,7 +49,8 @@ class PrefrontalCortexConfig(RegionConfig):
     variance_range: Annotated[Interval, Unit("mN^2")] = Interval(0.0, 360.0)
     remaining_range: Annotated[Interval, Unit("um")] = Interval(0.0, table_one.LENGTH_UM)
     braking_range: Annotated[Interval, Unit("um")] = Field(
-        default=Interval(0.0, 300.0), description="The part of the distance in which to brake; it has a finer code of its own."
+        default=Interval(0.0, 300.0),
+        description="The part of the distance in which to brake; it has a finer code of its own.",
     )
     speed_range: Annotated[Interval, Unit("um/s")] = Interval(0.0, table_one.MAX_SPEED_UM_S)
     input_neurons: InputNeurons = InputNeurons()
@@ -92,4 +92,4 @@ class PrefrontalCortexConfig(RegionConfig):
 
 
 def _over(limits: Interval, neurons: int) -> PopulationUniform:
-    return StaggeredUniform(neurons, limits.lo, limits.hi)
+    return PopulationUniform(neurons, limits.lo, limits.hi)

@@ -104,7 +104,7 @@ ContactConfig = Annotated[
 
 
 class InsertionRigConfig(BodyConfig):
-    """A peg on an axial elevator, a hole on a radial x-y stage, and a force sensor (Table I, Sec. VI-B)."""
+    """A peg on a radial x-y stage, a hole on an axial elevator, and a force sensor (Table I, Sec. VI-B)."""
 
     implementation: ClassVar[str] = "precision_interaction.rig:InsertionRig"
 

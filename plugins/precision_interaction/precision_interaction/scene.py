@@ -10,7 +10,7 @@ from neurorobo.views.recording import TIMELINES, Episode
 from precision_interaction.rig import InsertionRig
 
 if TYPE_CHECKING:
-    from rerun import RecordingStream
+    from rerun import Mesh3D, RecordingStream
     from rerun.blueprint import View
 
 # Peg and hole are hollow: 4 mm and 4.1 mm across, with walls of 50 um (Sec. VI-B). The hole's depth is not stated.
@@ -50,19 +50,20 @@ class InsertionScene:
         self._gap_um = config.gap
         self._end_mm = (config.length - config.gap) / 1000.0
         self.legend = (
-            "**Scene**: a thin-walled peg (blue) enters a hole (brown, cut open), both about 4 mm across, until its tip "
-            f"reaches the green ring, {self._end_mm:g} mm deep. Red arrow: the radial force on the peg; as long as the peg's "
-            "radius it is 50 mN. Yellow line: the way of a point of the tip. "
-            f"Radial motion is drawn **{EXAGGERATION:.0f} times** as large as it is, so the parts seem to overlap."
+            "**Scene**: a thin-walled peg (blue) enters a hole (brown, cut open), both about 4 mm across, until its "
+            f"tip reaches the green ring, {self._end_mm:g} mm deep. Red arrow: the radial force on the peg; as long as "
+            "the peg's radius it is 50 mN. Yellow line: the way of a point of the tip. Radial motion is drawn "
+            f"**{EXAGGERATION:.0f} times** as large as it is, so the parts seem to overlap."
         )
 
     def log(self, stream: "RecordingStream", episode: Episode) -> None:
         """Log what stands still, and the peg's place, way and force at every reading of the sensors."""
         import rerun as rr
 
-        peg = _tube(PEG_RADIUS_MM, 0.0, PEG_LENGTH_MM)
-        hole = _tube(HOLE_RADIUS_MM, -HOLE_LENGTH_MM, 0.0, OPENING_ANGLE)
-        ring = np.column_stack([HOLE_RADIUS_MM * _directions(np.linspace(0, 2 * np.pi, 73)), np.full(73, -self._end_mm)])
+        peg = _tube(PEG_RADIUS_MM, 0.0, PEG_LENGTH_MM, PEG_COLOR)
+        hole = _tube(HOLE_RADIUS_MM, -HOLE_LENGTH_MM, 0.0, HOLE_COLOR, OPENING_ANGLE)
+        around_mm = HOLE_RADIUS_MM * _directions(np.linspace(0.0, 2.0 * np.pi, 73))
+        ring = np.column_stack([around_mm, np.full(len(around_mm), -self._end_mm)])
         axes = rr.Arrows3D(
             origins=[[0.0, 0.0, -HOLE_LENGTH_MM]] * 2,
             vectors=[[1.5, 0.0, 0.0], [0.0, 1.5, 0.0]],
@@ -71,10 +72,10 @@ class InsertionScene:
             radii=0.03,
         )
         stream.log("scene", rr.ViewCoordinates.RIGHT_HAND_Z_UP, static=True)
-        stream.log("scene/hole", rr.Mesh3D(**hole, albedo_factor=HOLE_COLOR), static=True)
+        stream.log("scene/hole", hole, static=True)
         stream.log("scene/hole/end", rr.LineStrips3D([ring], colors=END_COLOR, radii=0.04), static=True)
         stream.log("scene/hole/axes", axes, static=True)
-        stream.log("scene/peg", rr.Mesh3D(**peg, albedo_factor=PEG_COLOR), static=True)
+        stream.log("scene/peg", peg, static=True)
         force_style = rr.Arrows3D.from_fields(colors=FORCE_COLOR, radii=0.06, show_labels=True)
         stream.log("scene/peg/force", force_style, static=True)
         stream.log("scene/way", rr.LineStrips3D.from_fields(colors=WAY_COLOR, radii=0.03), static=True)
@@ -83,7 +84,7 @@ class InsertionScene:
         tip_mm = np.column_stack([EXAGGERATION * stage.values, self._gap_um - travel.values]) / 1000.0
         arrow_mm = np.column_stack([ARROW_MM_MN * force.values, np.zeros(len(force.ticks))])
         labels = [f"{norm:.0f} mN" for norm in np.linalg.norm(force.values, axis=1)]
-        point_mm = tip_mm + [*(PEG_RADIUS_MM * _directions(VIEWER_ANGLE)), 0.0]
+        point_mm = tip_mm + np.append(PEG_RADIUS_MM * _directions(VIEWER_ANGLE), 0.0)
         before_mm = np.concatenate([point_mm[:1], point_mm[:-1]])
         indexes = episode.indexes(travel.ticks)
         stream.send_columns("scene/peg", indexes, rr.Transform3D.columns(translation=tip_mm))
@@ -115,24 +116,29 @@ def _directions(angles: Any) -> NDArray[np.float64]:
     return np.stack([np.cos(angles), np.sin(angles)], axis=-1)
 
 
-def _tube(radius_mm: float, bottom_mm: float, top_mm: float, opening: float = 0.0) -> dict[str, NDArray[Any]]:
-    """Return the mesh of a tube along z, its wall inside the radius, cut open by the angle `opening` towards the viewer."""
+def _tube(
+    radius_mm: float, bottom_mm: float, top_mm: float, color: tuple[int, int, int], opening: float = 0.0
+) -> "Mesh3D":
+    """Return a tube along z, its wall inside the radius, cut open by the angle `opening` towards the viewer."""
+    import rerun as rr
+
     inner_mm = radius_mm - WALL_MM
     corners = np.array([[inner_mm, bottom_mm], [radius_mm, bottom_mm], [radius_mm, top_mm], [inner_mm, top_mm]])
-    sides = np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)  # of the wall's cross-section: (side, end, r or z)
+    sides = np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)  # of the wall's section: (side, end, r or z)
     along = sides[:, 1] - sides[:, 0]
     outward = np.stack([along[:, 1], -along[:, 0]], axis=1) / np.linalg.norm(along, axis=1, keepdims=True)
-    directions = _directions(np.linspace(VIEWER_ANGLE + opening / 2, VIEWER_ANGLE + 2 * np.pi - opening / 2, 97))
+    angles = np.linspace(VIEWER_ANGLE + opening / 2, VIEWER_ANGLE + 2 * np.pi - opening / 2, 97)
 
-    def swept(profile: NDArray[np.float64]) -> NDArray[np.float64]:
-        around = profile[:, :, None, :1] * directions
-        return np.concatenate([around, np.broadcast_to(profile[:, :, None, 1:], (*around.shape[:3], 1))], axis=3)
+    def swept(section: NDArray[np.float64]) -> NDArray[np.float64]:
+        around = section[:, :, None, :1] * _directions(angles)
+        return np.concatenate([around, np.broadcast_to(section[:, :, None, 1:], (*around.shape[:3], 1))], axis=3)
 
     positions = swept(sides)
     index = np.arange(positions[..., 0].size).reshape(positions.shape[:3])
     a, b, c, d = index[:, 0, :-1], index[:, 1, :-1], index[:, 0, 1:], index[:, 1, 1:]
-    return {
-        "vertex_positions": positions.reshape(-1, 3),
-        "vertex_normals": swept(np.repeat(outward[:, None], 2, axis=1)).reshape(-1, 3),
-        "triangle_indices": np.stack([a, b, c, c, b, d], axis=-1).reshape(-1, 3),
-    }
+    return rr.Mesh3D(
+        vertex_positions=positions.reshape(-1, 3),
+        vertex_normals=swept(np.repeat(outward[:, None], 2, axis=1)).reshape(-1, 3),
+        triangle_indices=np.stack([a, b, c, c, b, d], axis=-1).reshape(-1, 3),
+        albedo_factor=color,
+    )

@@ -1,6 +1,7 @@
 """The insertion task: reward, end, and the figures of an episode."""
 
 from collections.abc import Sequence
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,8 @@ class InsertionTask(Task[InsertionRig]):
     ends with the axial move after which at most `tolerance` is left, or when the length is exceeded, and fails at
     the time limit.
     """
+
+    scene: ClassVar[str | None] = "precision_interaction.scene:InsertionScene"
 
     def __init__(self, config: InsertionTaskConfig, body: Body) -> None:
         if not isinstance(body, InsertionRig):

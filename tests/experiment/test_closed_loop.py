@@ -1,0 +1,98 @@
+"""Brain, body and task in a closed loop, many episodes side by side."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+from neurorobo.experiment.closed_loop import EpisodeResult, run_episodes
+from neurorobo.graph.brain import Brain
+from tests.experiment.toys import SECOND, NoisyConfig, Notes, brain
+from tests.tasks.toys import reach
+
+SEEDS = list(range(3, 11))
+
+
+def together_and_alone(brain: Brain) -> tuple[Sequence[EpisodeResult], Sequence[EpisodeResult]]:
+    return run_episodes(brain, reach(0.8), SEEDS), [run_episodes(brain, reach(0.8), [seed])[0] for seed in SEEDS]
+
+
+def test_what_an_episode_does_depends_on_its_seed_and_not_on_its_batch() -> None:
+    together, alone = together_and_alone(brain())
+    assert together == alone
+    assert [result.seed for result in together] == SEEDS
+    assert len({result.metrics["error_um"] for result in together}) == len(SEEDS)
+    assert np.ptp([result.metrics["duration_s"] for result in together]) > 2  # some go on while others have ended
+    assert all(0 < result.firing_rates["watcher"] < 1 for result in together)
+
+
+def test_also_with_a_code_that_draws_its_spikes() -> None:
+    together, alone = together_and_alone(brain(watcher=NoisyConfig()))
+    assert together == alone
+
+
+def test_equal_seeds_give_equal_episodes_and_others_others() -> None:
+    first, again, other = (run_episodes(brain(), reach(), [seed]) for seed in (1, 1, 2))
+    assert first == again
+    assert first[0].metrics != other[0].metrics
+
+
+def test_an_episode_is_watched_until_its_end_and_no_longer() -> None:
+    notes = Notes()
+    results = run_episodes(brain(), reach(0.8), SEEDS, recorders=[notes])
+    ticks = np.sum([sample.running for sample in notes.samples], axis=0)
+    assert ticks.tolist() == [result.metrics["duration_s"] for result in results]
+    assert [sample.tick for sample in notes.samples] == list(range(max(ticks)))
+    assert [sample.time_s for sample in notes.samples] == [float(tick) for tick in range(max(ticks))]
+
+
+def test_the_firing_rate_is_that_of_the_layers_while_the_episode_runs() -> None:
+    notes = Notes()
+    results = run_episodes(brain(), reach(0.8), SEEDS, recorders=[notes])
+    fired, chances = np.zeros(len(SEEDS)), np.zeros(len(SEEDS))
+    for sample in notes.samples:
+        for spikes in sample.spikes.get("watch", {}).values():
+            fired += np.where(sample.running, spikes.sum((0, 2)).numpy(), 0)
+            chances += np.where(sample.running, spikes.shape[0] * spikes.shape[2], 0)
+    assert [result.firing_rates for result in results] == [
+        {"watcher": pytest.approx(rate)} for rate in (fired / chances).tolist()
+    ]
+
+
+def test_samples_hold_what_was_read_what_was_done_and_what_was_computed() -> None:
+    notes = Notes()
+    run_episodes(brain(), reach(noise=0.0), [1], recorders=[notes])
+    first, second = notes.samples[:2]
+    assert first.observation["position"].tolist() == [[0.0, 0.0]]
+    assert first.outputs["drive"]["speed"].tolist() == [[14.0]]
+    assert first.given["speed"].tolist() == [[1.0]]
+    assert second.observation["position"].tolist() == [[1.0, 0.0]]
+    assert set(first.outputs) == {"drive", "watch"}
+    assert set(second.outputs) == {"drive"}  # the other step is a slow one
+    assert {layer: spikes.shape for layer, spikes in first.spikes["watch"].items()} == {
+        "hidden": (20, 1, 10),
+        "output": (20, 1, 6),
+    }
+    assert first.outputs["watch"]["move"].shape == (1, 1)  # decoded
+
+
+def test_interventions_are_counted_among_the_metrics() -> None:
+    asked_for_too_much, content = (run_episodes(brain(gain), reach(noise=0.0), [1])[0].metrics for gain in (4.0, 0.25))
+    assert asked_for_too_much == {"duration_s": 3.0, "success": 1.0, "error_um": 0.0, "command_interventions": 3.0}
+    assert content["command_interventions"] == 0.0
+
+
+def test_a_duration_cuts_a_run_off_and_replaces_a_task() -> None:
+    notes = Notes()
+    (result,) = run_episodes(brain(), reach(), [1], duration_ns=2 * SECOND, recorders=[notes])
+    assert result.metrics["duration_s"] == 2.0
+    assert len(notes.samples) == 2
+    with pytest.raises(ValueError, match="the duration must be given"):
+        run_episodes(brain(), None, [1])
+
+
+def test_progress_tells_the_tick_and_how_many_are_running() -> None:
+    told: list[tuple[int, int]] = []
+    results = run_episodes(brain(), reach(0.8), SEEDS, progress=lambda tick, running: told.append((tick, running)))
+    durations = np.array([result.metrics["duration_s"] for result in results])
+    assert told == [(tick, (durations > tick).sum()) for tick in range(int(durations.max()))]

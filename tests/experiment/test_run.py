@@ -1,0 +1,192 @@
+"""A run and the folder that it leaves behind."""
+
+import hashlib
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import pyarrow.parquet
+import pytest
+
+from neurorobo.config.experiment import load_experiment
+from neurorobo.errors import ConfigError, NeuroroboError
+from neurorobo.experiment import run as run_module
+from neurorobo.experiment.run import FinishedRun, run_experiment
+from neurorobo.experiment.run_folder import RunFolder, new_folder_path
+from neurorobo.regions.weights import save_weights
+from tests.experiment.toys import CART, registry
+from tests.regions.toys import net
+
+
+def run(
+    folder: Path, seeds: Sequence[int] = (3, 4), text: str = CART, record: Sequence[str] | None = None
+) -> FinishedRun:
+    file = folder / "cart.yaml"
+    file.write_text(text)
+    types = registry()
+    return run_experiment(load_experiment(file, (), types), types, seeds, folder / "out", record=record)
+
+
+def table(folder: Path) -> pyarrow.Table:
+    return pyarrow.parquet.read_table(folder / "out" / "trajectory.parquet")
+
+
+def test_a_finished_run_says_what_was_run_and_what_came_of_it(tmp_path: Path) -> None:
+    finished = run(tmp_path)
+    folder = RunFolder(tmp_path / "out")
+    content = folder.run()
+    assert content["status"] == "finished"
+    assert content["seeds"] == [3, 4]
+    assert content["started"] <= content["ended"]
+    assert {"torch", "numpy"} <= content["versions"].keys()
+    assert folder.summary() == finished.summary
+    assert [episode["seed"] for episode in finished.summary["episodes"]] == [3, 4]
+    assert set(finished.summary["aggregate"]) == {
+        "duration_s",
+        "success",
+        "error_um",
+        "command_interventions",
+        "firing_rate.watcher",
+    }
+    assert (folder.path / "config.yaml").read_text() == CART
+    assert [file.name for file in finished.files] == ["trajectory.parquet"]
+
+
+def test_the_resolved_configuration_gives_the_same_run_again(tmp_path: Path) -> None:
+    first = run(tmp_path)
+    resolved = (tmp_path / "out" / "config.resolved.yaml").read_text()
+    again = tmp_path / "again"
+    again.mkdir()
+    second = run(again, text=resolved)
+    assert second.summary == first.summary
+    assert table(again).equals(table(tmp_path))
+    assert (again / "out" / "config.resolved.yaml").read_text() == resolved
+
+
+def test_the_trajectory_has_a_row_per_episode_and_tick_with_units_and_gaps(tmp_path: Path) -> None:
+    finished = run(tmp_path)
+    trajectory = table(tmp_path)
+    assert trajectory.column_names[:3] == ["seed", "tick", "time_s"]
+    units = {field.name: (field.metadata or {}).get(b"unit", b"").decode() for field in trajectory.schema}
+    assert units == {
+        "seed": "",
+        "tick": "",
+        "time_s": "",
+        "body.force.0": "mN",
+        "body.force.1": "mN",
+        "body.position.0": "um",
+        "body.position.1": "um",
+        "command.speed": "um/s",
+        "command.nudge.0": "um",
+        "command.nudge.1": "um",
+        "drive.speed": "um/s",
+        "drive.nudge.0": "um",
+        "drive.nudge.1": "um",
+        "watch.move": "um",
+    }
+    rows = trajectory.to_pylist()
+    lengths = [int(episode["duration_s"]) for episode in finished.summary["episodes"]]
+    assert len(set(lengths)) == 2
+    assert [(row["seed"], row["tick"]) for row in rows] == [
+        (seed, tick) for seed, length in zip((3, 4), lengths, strict=True) for tick in range(length)
+    ]
+    for row in rows:
+        assert row["time_s"] == row["tick"]
+        assert row["command.speed"] == pytest.approx(min(1.0, row["drive.speed"]), rel=1e-6)
+        assert row["drive.speed"] == pytest.approx(4 * (3.5 - row["body.position.0"]), rel=1e-5)
+        assert (row["watch.move"] is None) == (row["tick"] % 2 == 1)
+        assert None not in {value for name, value in row.items() if name != "watch.move"}
+
+
+def test_more_episodes_than_fit_in_a_batch_follow_in_another(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(run_module, "LARGEST_BATCH", 2)
+    in_two = run(tmp_path, seeds=(3, 4, 5))
+    monkeypatch.undo()
+    (tmp_path / "once").mkdir()
+    at_once = run(tmp_path / "once", seeds=(3, 4, 5))
+    assert in_two.summary == at_once.summary
+    assert set(table(tmp_path)["seed"].to_pylist()) == {3, 4}  # the first batch is recorded
+
+
+@pytest.mark.parametrize(
+    ("recorder", "error", "status"),
+    [("toy.impatient", KeyboardInterrupt, "interrupted"), ("toy.clumsy", ZeroDivisionError, "failed")],
+)
+def test_a_run_that_breaks_off_says_so_and_keeps_what_was_recorded(
+    tmp_path: Path, recorder: str, error: type[BaseException], status: str
+) -> None:
+    with pytest.raises(error):
+        run(tmp_path, record=["trajectory", recorder])
+    folder = RunFolder(tmp_path / "out")
+    assert folder.run()["status"] == status
+    assert folder.run()["ended"]
+    assert set(table(tmp_path)["tick"].to_pylist()) == {0, 1, 2}
+    with pytest.raises(NeuroroboError, match=r"has no summary.json: it is not the folder of a finished run"):
+        folder.summary()
+
+
+def test_a_folder_that_holds_a_run_is_not_written_over(tmp_path: Path) -> None:
+    run(tmp_path)
+    before = (tmp_path / "out" / "run.json").read_text()
+    with pytest.raises(NeuroroboError, match=r"already holds a run; give another folder with `--out`"):
+        run(tmp_path, seeds=(9,))
+    assert (tmp_path / "out" / "run.json").read_text() == before
+
+
+def test_a_place_that_cannot_be_written_is_named(tmp_path: Path) -> None:
+    (tmp_path / "out").write_text("a file")
+    with pytest.raises(NeuroroboError, match=r"out cannot be written .*; choose another folder"):
+        run(tmp_path)
+
+
+def test_a_run_without_a_task_lasts_as_long_as_the_file_says(tmp_path: Path) -> None:
+    text = """\
+neurorobo: 1
+name: alone
+time: {control: 1 s, window: 20}
+episode: {duration: 5 s}
+regions: {watcher: {type: toy.net}}
+steps:
+  - watch: {use: watcher}
+record: [trajectory]
+"""
+    finished = run(tmp_path, seeds=(0,), text=text)
+    assert table(tmp_path)["tick"].to_pylist() == [0, 1, 2, 3, 4]
+    assert set(finished.summary["aggregate"]) == {"firing_rate.watcher"}
+
+
+def test_a_spoilt_summary_is_named(tmp_path: Path) -> None:
+    run(tmp_path)
+    (tmp_path / "out" / "summary.json").write_text("{")
+    with pytest.raises(NeuroroboError, match=r"summary.json cannot be read .*; run the experiment again"):
+        RunFolder(tmp_path / "out").summary()
+
+
+def test_folders_of_one_second_get_different_names(tmp_path: Path) -> None:
+    paths = []
+    for _ in range(3):
+        paths.append(new_folder_path(tmp_path, "cart", "0123456789abcdef"))
+        paths[-1].mkdir(parents=True)
+    assert len(set(paths)) == 3
+    assert all(path.parent == tmp_path / "cart" and "01234567" in path.name for path in paths)
+
+
+def test_a_run_remembers_which_weights_it_used_and_finds_them_beside_its_file(tmp_path: Path) -> None:
+    text = CART.replace("{type: toy.net}", "{type: toy.net, weights: net.safetensors}")
+    with pytest.raises(ConfigError, match=r"cart.yaml:9:.*: regions.watcher.weights: there is no weights file"):
+        run(tmp_path, text=text)
+    save_weights(net(seed=5), tmp_path / "net.safetensors", {})
+    trained = run(tmp_path, text=text)
+    digest = hashlib.sha256((tmp_path / "net.safetensors").read_bytes()).hexdigest()
+    assert RunFolder(tmp_path / "out").run()["weights_sha256"] == {"watcher": digest}
+    (tmp_path / "fresh").mkdir()
+    fresh = run(tmp_path / "fresh")
+    rates = [summary["aggregate"]["firing_rate.watcher"]["mean"] for summary in (trained.summary, fresh.summary)]
+    assert rates[0] != rates[1]
+
+
+def test_the_summary_is_plain_json(tmp_path: Path) -> None:
+    run(tmp_path, seeds=(3,))
+    text = (tmp_path / "out" / "summary.json").read_text()
+    assert json.loads(text)["aggregate"]["success"] == {"mean": 1.0, "standard_error": None, "worst": 1.0}
+    assert "NaN" not in text

@@ -1,0 +1,158 @@
+"""The spiking hippocampus: its codes, its two recurrences, its data, and that it can learn the contact law."""
+
+import subprocess
+import sys
+from typing import Any
+
+import pytest
+import torch
+from precision_interaction.analytic_configs import ContactLawConfig
+from precision_interaction.contact_law import ContactLaw
+from precision_interaction.hippocampus import Hippocampus
+from precision_interaction.hippocampus_config import HippocampusConfig
+from precision_interaction.speed_data import InsertionSpeeds, InsertionSpeedsConfig
+from torch import Tensor
+
+from neurorobo.clock import Clock
+from neurorobo.errors import ConfigError
+from neurorobo.learning.phase import SupervisePhase, Unroll
+from neurorobo.learning.supervise import evaluate, supervise
+
+FEEDBACK = {"mean_feedback": "mean", "variance_feedback": "variance"}
+
+
+def clock(period_ms: int = 1000) -> Clock:
+    return Clock({"control": 10**9, "radial": period_ms * 10**6}, 10**6, 50)
+
+
+def hippocampus(period_ms: int = 1000, **options: Any) -> Hippocampus:
+    config = HippocampusConfig.model_validate({"hidden_neurons": 60, **options})
+    return Hippocampus(config, clock(period_ms), torch.Generator().manual_seed(1))
+
+
+def windows(region: Hippocampus, speed_um_s: Tensor, count: int) -> list[dict[str, Tensor]]:
+    """The outputs of windows that feed one another."""
+    batch = len(speed_um_s)
+    inputs = {
+        name: port.code.encode(torch.zeros(batch, port.width), 50)
+        for name, port in region.input_ports.items()
+        if port.code
+    }
+    code = region.input_ports["speed"].code
+    assert code is not None
+    inputs["speed"] = code.encode(speed_um_s, 50)
+    state, outputs = region.init_state(batch), []
+    for _ in range(count):
+        out, state = region.step(inputs, state)
+        outputs.append(out)
+        inputs |= {to: out[source] for to, source in FEEDBACK.items() if to in inputs}
+    return outputs
+
+
+@pytest.mark.parametrize("module", ["hippocampus_config", "speed_data"])
+def test_configurations_do_not_import_torch(module: str) -> None:
+    check = f"import sys, precision_interaction.{module}; sys.exit('torch' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", check], check=False).returncode == 0
+
+
+def test_the_paper_s_sizes_are_the_default() -> None:
+    region = Hippocampus(HippocampusConfig(), clock(), torch.Generator())
+    speed, mean, variance = region.input_ports.values()
+    assert speed.channels == 50
+    assert region.hidden.neurons == 343
+    assert mean.channels + variance.channels == region.output.neurons == 40
+
+
+@pytest.mark.parametrize("period_ms", [1000, 200, 50])
+def test_the_outputs_can_be_the_next_window_s_feedback(period_ms: int) -> None:
+    config = HippocampusConfig()
+    inputs, outputs = config.inputs(clock(period_ms)), config.outputs(clock(period_ms))
+    for target, source in FEEDBACK.items():
+        assert inputs[target].code == outputs[source].code
+        assert (inputs[target].unit, inputs[target].width) == (outputs[source].unit, outputs[source].width)
+
+
+def test_a_shorter_period_expects_less_with_the_same_spikes_and_weights() -> None:
+    slow, fast = hippocampus(1000), hippocampus(200)
+    assert slow.config.signature(slow.clock) == fast.config.signature(fast.clock)
+    speed_um_s = torch.tensor([[30.0], [90.0]])
+    (of_slow,), (of_fast,) = windows(slow, speed_um_s, 1), windows(fast, speed_um_s, 1)
+    for name in ("mean", "variance"):
+        assert of_slow[name].any()
+        assert of_slow[name].equal(of_fast[name])
+        in_slow, in_fast = slow.output_ports[name].code, fast.output_ports[name].code
+        assert in_slow is not None and in_fast is not None
+        torch.testing.assert_close(in_fast.decode(of_fast[name]), in_slow.decode(of_slow[name]) / 5)
+
+
+def test_what_is_trained_depends_on_the_ranges() -> None:
+    wider = HippocampusConfig.model_validate({"mean_range": "0..400 mN"})
+    assert wider.signature(clock()) != HippocampusConfig().signature(clock())
+
+
+def test_an_unknown_period_is_refused() -> None:
+    with pytest.raises(ConfigError, match="no period `fast`"):
+        HippocampusConfig(period="fast").inputs(clock())
+
+
+def test_no_speed_means_no_spikes() -> None:
+    for out in windows(hippocampus(), torch.zeros(1, 1), 3):
+        assert not out["mean"].any() and not out["variance"].any()
+
+
+def test_both_recurrences_matter() -> None:
+    region = hippocampus()
+    speed_um_s = torch.tensor([[60.0]])
+    first, second = windows(region, speed_um_s, 2)
+    assert not first["mean"].equal(second["mean"])
+
+    inner_only = hippocampus(outer=False)
+    assert set(inner_only.input_ports) == {"speed"}
+    state = inner_only.init_state(1)
+    code = inner_only.input_ports["speed"].code
+    assert code is not None
+    _, carried = inner_only.step({"speed": code.encode(speed_um_s, 50)}, state)
+    assert not state["hidden"].any() and carried["hidden"].any()
+
+
+def test_everything_passes_the_hidden_units() -> None:
+    region = hippocampus()
+    with torch.no_grad():
+        region.output.projections[0].weight.zero_()
+    (out,) = windows(region, torch.tensor([[80.0]]), 1)
+    assert not out["mean"].any() and not out["variance"].any()
+
+
+def test_speeds_cover_their_range() -> None:
+    data = InsertionSpeeds(InsertionSpeedsConfig.model_validate({"speed": "20..60 um/s"}), clock())
+    speed_um_s = data.draw(40, torch.Generator().manual_seed(1))["speed"]
+    assert speed_um_s.shape == (40, 1)
+    part = (speed_um_s.flatten() - 20) // 1
+    assert part.tolist() == list(range(40))  # one in every um/s
+
+
+def test_it_learns_to_look_two_periods_ahead() -> None:
+    region = hippocampus()
+    teacher = ContactLaw(ContactLawConfig(), clock(), torch.Generator())
+    data = InsertionSpeeds(InsertionSpeedsConfig(), clock())
+    unroll = Unroll(windows=2, feedback=FEEDBACK, discount=0.9)
+
+    def rms_mN() -> Tensor:
+        generator = torch.Generator().manual_seed(2)
+        return evaluate(region, teacher, data, generator, outputs=["mean"], unroll=unroll, batches=2).rms["mean"]
+
+    phase = SupervisePhase(
+        region="hippocampus",
+        teacher="precision.law",
+        data="precision.insertion_speeds",
+        loss={"mean": "1 mN", "variance": "1 mN^2"},
+        unroll=unroll,
+        steps=60,
+        batch=16,
+        learning_rate=0.05,
+    )
+    before = rms_mN()
+    supervise(region, teacher, data, phase, torch.Generator().manual_seed(3))
+    after = rms_mN()
+    assert (after < before / 2).all()
+    assert (after < torch.tensor([[8.0], [16.0]])).all()  # of 0..107 mN and 0..214 mN
