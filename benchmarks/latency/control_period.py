@@ -34,7 +34,8 @@ def main() -> int:
     periods_ms = [1e3 * (after - before) for before, after in pairwise(moments)]
     median_ms, worst_ms = statistics.median(periods_ms), max(periods_ms)
     print(
-        f"control period  median {median_ms:.1f} ms, largest {worst_ms:.1f} ms of {len(periods_ms)} (wanted {WANTED_PERIOD_MS:g})"
+        f"control period  median {median_ms:.1f} ms, largest {worst_ms:.1f} ms of {len(periods_ms)} "
+        f"(wanted {WANTED_PERIOD_MS:g})"
     )
 
     started = time.perf_counter()
@@ -43,7 +44,8 @@ def main() -> int:
     subprocess.run(command, check=True, capture_output=True)
     run_s = time.perf_counter() - started
     print(
-        f"one episode     {run_s:.1f} s from the command line, start-up and recording included (wanted {WANTED_RUN_S:g})"
+        f"one episode     {run_s:.1f} s from the command line, start-up and recording included "
+        f"(wanted {WANTED_RUN_S:g})"
     )
     return int(median_ms > WANTED_PERIOD_MS or run_s > WANTED_RUN_S)
 

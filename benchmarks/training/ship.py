@@ -32,9 +32,8 @@ def ship(experiment: Experiment, name: str, lessons: list[Lesson], trained: Path
     load_weights(region, trained / f"{name}.safetensors")
     stem = f"{config.type.rpartition('.')[2]}-{signature_hash(config, experiment.clock)}"
     path = WEIGHTS / f"{stem}.safetensors"
-    purpose = (
-        f"{experiment.name}, periods {', '.join(f'{n} {p / 1e6:g} ms' for n, p in experiment.clock.periods_ns.items())}"
-    )
+    periods = ", ".join(f"{period} {ns / 1e6:g} ms" for period, ns in experiment.clock.periods_ns.items())
+    purpose = f"{experiment.name}, periods {periods}"
     save_weights(region, path, {"for": purpose}, bits=10)
     load_weights(region, path)
     phases = [phase for phase in report["phases"] if phase["region"] == name]
@@ -57,8 +56,8 @@ def _section(lesson: Lesson, phase: Mapping[str, Any], shipped: Mapping[str, Any
     lines = [
         f"## Phase {phase['index']}: {', '.join(lesson.phase.loss)}",
         "",
-        f"Taught by `{lesson.teacher.type}` on `{lesson.data.type}`, {lesson.phase.steps} steps of {lesson.phase.batch}, "
-        f"seed {phase['seed']}, {phase['seconds'] / 60:.1f} minutes.",
+        f"Taught by `{lesson.teacher.type}` on `{lesson.data.type}`, {lesson.phase.steps} steps of "
+        f"{lesson.phase.batch}, seed {phase['seed']}, {phase['seconds'] / 60:.1f} minutes.",
         "",
         "| output | window | rms error as trained | as shipped | largest | bias |",
         "| --- | --- | --- | --- | --- | --- |",

@@ -1,3 +1,3 @@
-"""Precision physical interaction: the brain regions, teachers, baselines and simulated rig of Xing, Yang, Zhang and Xu."""
+"""The brain regions, teachers, baselines and simulated rig of a published controller for precise insertion."""
 
 __version__ = "0.1.0"

@@ -13,7 +13,7 @@ from neurorobo.regions.region import Probe, Region, State
 from neurorobo.synapses import Dense
 from precision_interaction.prefrontal_cortex_config import PrefrontalCortexConfig
 
-NEURON = LIF(surrogate=Surrogate("rectangular", 1.0))
+NEURON = LIF(surrogate=Surrogate("arctan", 1.0))  # its tails let a silent output neuron recover
 
 
 class Block(nn.Module):
@@ -21,7 +21,7 @@ class Block(nn.Module):
 
     def __init__(self, sources: int, neurons: int, generator: torch.Generator) -> None:
         super().__init__()
-        self.layer = Layer([Dense(sources, neurons, generator, gain=1.5)], NEURON)
+        self.layer = Layer([Dense(sources, neurons, generator, gain=3.0)], NEURON)
         self.weight = nn.Parameter(torch.randn(neurons, generator=generator) / neurons**0.5)
 
     def forward(self, spikes: Tensor) -> tuple[Tensor, Tensor]:
