@@ -7,6 +7,7 @@ are those of the file as it is shipped: it is written, read back, and compared w
 
 import argparse
 import json
+import math
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -20,9 +21,10 @@ from neurorobo.experiment.lessons import Lesson, read_lessons
 from neurorobo.experiment.train import plain
 from neurorobo.learning.supervise import evaluate
 from neurorobo.plugins import Registry
-from neurorobo.regions.weights import load_weights, save_weights, signature_hash
+from neurorobo.regions.weights import GRID_BITS, load_weights, save_weights, signature_hash
 
 WEIGHTS = Path(__file__).resolve().parents[2] / "plugins/precision_interaction/precision_interaction/weights"
+LARGE = 1_000_000
 
 
 def ship(experiment: Experiment, name: str, lessons: list[Lesson], trained: Path, report: Mapping[str, Any]) -> Path:
@@ -34,7 +36,7 @@ def ship(experiment: Experiment, name: str, lessons: list[Lesson], trained: Path
     path = WEIGHTS / f"{stem}.safetensors"
     periods = ", ".join(f"{period} {ns / 1e6:g} ms" for period, ns in experiment.clock.periods_ns.items())
     purpose = f"{experiment.name}, periods {periods}"
-    save_weights(region, path, {"for": purpose}, bits=10)
+    save_weights(region, path, {"for": purpose}, bits={n: _bits(w) for n, w in region.named_parameters()})
     load_weights(region, path)
     phases = [phase for phase in report["phases"] if phase["region"] == name]
     lines = [f"# {stem}", "", f"Trained for {purpose}.", ""]
@@ -49,6 +51,13 @@ def ship(experiment: Experiment, name: str, lessons: list[Lesson], trained: Path
     lines += ["## Configuration", "", "```yaml", dump(dict(config.signature(experiment.clock))).rstrip(), "```", ""]
     path.with_suffix(".md").write_text("\n".join(lines), encoding="utf-8")
     return path
+
+
+def _bits(weight: torch.Tensor) -> int:
+    """Return the fractional bits of a tensor: 10, or for a large one what lets it fit 8 bits in all."""
+    if weight.numel() < LARGE:
+        return GRID_BITS
+    return min(GRID_BITS, math.floor(math.log2(127 / float(weight.detach().abs().max()))))
 
 
 def _section(lesson: Lesson, phase: Mapping[str, Any], shipped: Mapping[str, Any]) -> list[str]:

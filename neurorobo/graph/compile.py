@@ -143,6 +143,9 @@ class _Compiler:
             except ConfigError as error:
                 self.ports[step.use] = None
                 self.faults += error.under("regions", step.use).faults
+            except ValueError as error:  # of a port or a code that cannot be
+                self.ports[step.use] = None
+                self._fault(("regions", step.use), str(error))
         return self.ports[step.use]
 
     def _check_repeat(self, block: RepeatSpec) -> None:

@@ -27,6 +27,7 @@ class CerebellumConfig(RegionConfig):
     """
 
     implementation: ClassVar[str] = "precision_interaction.cerebellum:Cerebellum"
+    pretrained_package: ClassVar[str | None] = "precision_interaction.weights"
 
     type: Literal["precision.cerebellum"] = "precision.cerebellum"
     period: str = Field(default="radial", description="Name of the period of the radial moves, as under `time`.")

@@ -21,6 +21,7 @@ class HippocampusConfig(RegionConfig):
     """
 
     implementation: ClassVar[str] = "precision_interaction.hippocampus:Hippocampus"
+    pretrained_package: ClassVar[str | None] = "precision_interaction.weights"
     not_in_signature: ClassVar[frozenset[str]] = RegionConfig.not_in_signature | {"period", "start_speed"}
 
     type: Literal["precision.hippocampus"] = "precision.hippocampus"

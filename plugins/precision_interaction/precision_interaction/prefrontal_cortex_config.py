@@ -35,6 +35,7 @@ class PrefrontalCortexConfig(RegionConfig):
     """
 
     implementation: ClassVar[str] = "precision_interaction.prefrontal_cortex:PrefrontalCortex"
+    pretrained_package: ClassVar[str | None] = "precision_interaction.weights"
     not_in_signature: ClassVar[frozenset[str]] = RegionConfig.not_in_signature | {"start_speed", "beta_0"}
 
     type: Literal["precision.prefrontal_cortex"] = "precision.prefrontal_cortex"

@@ -1,0 +1,149 @@
+"""Bad input ends in one clear message, with file, line, column, fault and cure, and exit code 2."""
+
+import sys
+from pathlib import Path
+
+import pytest
+
+from neurorobo.cli.main import main
+
+GOOD = """\
+neurorobo: 1
+name: tiny
+time: {control: 1 s, fast: 250 ms}
+episode: {duration: 2 s}
+regions:
+  left: {type: minimal.echo, neurons: 8}
+  law: {type: precision.law, period: control}
+  add: {type: sum, unit: mN, width: 2}
+steps:
+  - a: {use: left, heard: previous b.said}
+  - b: {use: left, heard: a.said}
+  - c: {use: law}
+"""
+
+
+def call(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, *arguments: str) -> tuple[int, str]:
+    """Run the command line and return its exit code and what it says on the error stream."""
+    monkeypatch.setattr(sys, "argv", ["neurorobo", *arguments])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    return int(ended.value.code or 0), capsys.readouterr().err
+
+
+def test_the_file_to_be_spoilt_is_good(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "x.yaml").write_text(GOOD)
+    assert call(capsys, monkeypatch, "validate", str(tmp_path / "x.yaml")) == (0, "")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "place", "words"),
+    [
+        ("episode:", "episod:", "4:1: episod", "did you mean `episode`?"),
+        ("unit: mN", "unit: mN, widht: 2", ":8:", "did you mean"),
+        ("250 ms", "250 mm", "3:22: time.fast", "is a length, wanted a time"),
+        ("250 ms", "250", "3:22: time.fast", "must be a time such as"),
+        ("neurons: 8", "neurons: -8", "6:3: regions.left", "a code needs at least one neuron, got -8"),
+        ("name: tiny", "name: tiny\nname: big", "3:1", "name"),
+        ("minimal.echo", "minimal.ecko", "6:10: regions.left.type", "did you mean `minimal.echo`?"),
+        ("b: {use: left, heard: a.said}", "b: {use: law, speed: a.said}", "11:", "is Hz, but `speed` takes um/s"),
+        ("- c: {use: law}", "- c: {use: add, a: c2.mean}", "12:", "there is no step `c2`"),
+        ("- c: {use: law}", "- c: {use: add, a: previous c.sum, b: previous c.sum}", "12:", "no value at the start"),
+        ("- c: {use: law}", "- c: {use: add}", "12:", "the input `a` (2 x mN) of `add` is not wired"),
+        ("heard: previous b.said", "heard: b.said", "10:", "a cycle without delay: a -> b -> a"),
+        ("fast: 250 ms", "fast: 300 ms", "3:22: time.fast", "does not divide control: 1 s"),
+        (
+            "- b: {use: left, heard: a.said}",
+            "- b: {use: left, heard: a.said, every: fats}",
+            "11:",
+            "did you mean `fast`?",
+        ),
+    ],
+)
+def test_a_fault_is_named_with_its_place(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    old: str,
+    new: str,
+    place: str,
+    words: str,
+) -> None:
+    file = tmp_path / "x.yaml"
+    assert old in GOOD
+    file.write_text(GOOD.replace(old, new, 1))
+    code, message = call(capsys, monkeypatch, "validate", str(file))
+    assert code == 2
+    assert f"{file}:" in message
+    assert place in message
+    assert words in message
+    assert "Traceback" not in message
+
+
+def test_several_faults_are_reported_at_once(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "x.yaml"
+    file.write_text(
+        GOOD.replace("minimal.echo", "minimal.ecko").replace("250 ms", "250 mm").replace("name: tiny", "nam: x")
+    )
+    code, message = call(capsys, monkeypatch, "validate", str(file))
+    assert code == 2
+    assert {line.split(":")[1] for line in message.splitlines()} >= {"2", "3", "6"}
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (b"", "is empty"),
+        (b"- 1\n- 2\n", "not a mapping"),
+        (b"a: [1\n", ""),
+        (b"\xff\xfe\x00", ""),
+        (b"just words", ""),
+    ],
+)
+def test_a_file_that_is_no_experiment(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, content: bytes, words: str
+) -> None:
+    file = tmp_path / "x.yaml"
+    file.write_bytes(content)
+    code, message = call(capsys, monkeypatch, "run", str(file))
+    assert code == 2
+    assert message.startswith(str(file))
+    assert words in message
+    assert "Traceback" not in message
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [(None, "there is no weights file"), (b"not safetensors", "not a whole safetensors file"), (b"", "not a whole")],
+)
+def test_weights_that_cannot_be_used(
+    tmp_path: Path,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+    content: bytes | None,
+    words: str,
+) -> None:
+    if content is not None:
+        (tmp_path / "w.safetensors").write_bytes(content)
+    file = tmp_path / "x.yaml"
+    file.write_text(GOOD.replace("neurons: 8", "neurons: 8, weights: w.safetensors"))
+    code, message = call(capsys, monkeypatch, "run", str(file), "--out", str(tmp_path / "out"))
+    assert code == 2
+    assert message.startswith(f"{file}:6:42: regions.left.weights: ")
+    assert words in message
+    assert not (tmp_path / "out").exists()
+
+
+def test_help_is_quick_to_import() -> None:
+    import subprocess
+
+    code = (
+        "import sys\nfrom neurorobo.cli.main import cli\n"
+        "cli.main(['--help'], standalone_mode=False)\n"
+        "sys.exit(bool({'torch', 'rerun', 'gymnasium', 'pint'} & set(sys.modules)))"
+    )
+    assert subprocess.run([sys.executable, "-c", code], capture_output=True, check=False).returncode == 0

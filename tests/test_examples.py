@@ -1,0 +1,64 @@
+"""Every example does what it is there for."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+INSERTIONS = sorted(path.name for path in EXAMPLES.glob("*.yaml") if path.name != "minimal.yaml")
+
+
+def run(tmp_path: Path, file: str, *options: str) -> dict[str, object]:
+    """Run an example from the command line, as a user would, and return what it prints."""
+    command = [str(Path(sys.executable).with_name("neurorobo")), "run", str(EXAMPLES / file)]
+    command += ["--json", "--out", str(tmp_path / "run"), *options]
+    done = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    printed: dict[str, object] = json.loads(done.stdout)
+    return printed
+
+
+@pytest.mark.parametrize("file", INSERTIONS)
+def test_an_insertion_ends_at_the_bottom_and_leaves_a_run_folder(tmp_path: Path, file: str) -> None:
+    summary = run(tmp_path, file, "--seed", "1000")
+    (episode,) = summary["episodes"]  # type: ignore[misc]
+    assert episode["success"] == 1.0
+    assert episode["final_error_um"] <= 1.0
+    assert episode["overshoot_um"] == 0.0
+    assert {path.name for path in (tmp_path / "run").iterdir()} == {
+        "config.yaml",
+        "config.resolved.yaml",
+        "run.json",
+        "summary.json",
+        "trajectory.parquet",
+        "recording.rrd",
+    }
+
+
+def test_the_radial_loop_may_run_at_20_hz(tmp_path: Path) -> None:
+    summary = run(
+        tmp_path, "peg_in_hole_fast.yaml", "--seed", "1000", "--set", "time.radial=50 ms", "--set", "record=[]"
+    )
+    assert summary["aggregate"]["success"]["mean"] == 1.0  # type: ignore[index]
+
+
+def test_the_minimal_example_spikes_without_a_robot(tmp_path: Path) -> None:
+    summary = run(tmp_path, "minimal.yaml")
+    assert set(summary["aggregate"]) == {"firing_rate.ping", "firing_rate.pong"}  # type: ignore[call-overload]
+    assert len((EXAMPLES / "minimal.yaml").read_text().splitlines()) < 25
+
+
+def test_a_run_can_be_repeated_from_its_folder_bit_for_bit(tmp_path: Path) -> None:
+    first = run(tmp_path, "peg_in_hole_teachers.yaml", "--seed", "1000")
+    (tmp_path / "run").rename(tmp_path / "before")
+    again = run(tmp_path, str(tmp_path / "before" / "config.resolved.yaml"), "--seed", "1000")
+    assert first["episodes"] == again["episodes"]
+
+
+def test_the_same_seed_gives_the_same_result_twice(tmp_path: Path) -> None:
+    first = run(tmp_path, "peg_in_hole.yaml", "--seed", "1003", "--set", "record=[]")
+    (tmp_path / "run").rename(tmp_path / "before")
+    assert run(tmp_path, "peg_in_hole.yaml", "--seed", "1003", "--set", "record=[]")["episodes"] == first["episodes"]
