@@ -18,7 +18,7 @@ from typing import Any
 ROOT = Path(__file__).resolve().parents[2]
 LATEST = Path(__file__).with_name("latest.json")
 SEEDS = range(100)
-FIGURES = ("steps", "mean_force_mN", "max_force_mN", "final_error_um", "command_interventions")
+LAST_UM = 50.0
 START, END = "<!-- assembly figures: python benchmarks/assembly/figures.py -->", "<!-- end of assembly figures -->"
 
 
@@ -73,7 +73,7 @@ def measure(row: Row) -> dict[str, Any]:
     experiment = load_experiment(ROOT / "examples" / f"{row.file}.yaml", row.overrides, registry)
     started = time.monotonic()
     folder = ROOT / "runs" / "figures" / f"{time.strftime('%Y%m%d-%H%M%S')}-{experiment.config_hash[:8]}"
-    summary = run_experiment(experiment, registry, SEEDS, folder, record=()).summary
+    summary = run_experiment(experiment, registry, SEEDS, folder, record=("trajectory",)).summary
     episodes = summary["episodes"]
     return {
         "name": row.name,
@@ -86,9 +86,22 @@ def measure(row: Row) -> dict[str, Any]:
         "figures": {
             name: figure for name, figure in summary["aggregate"].items() if name not in ("success", "duration_s")
         },
+        "early_interventions": early_interventions(folder / "trajectory.parquet"),
         "wanted": dict(row.wanted),
         "seconds": round(time.monotonic() - started, 1),
     }
+
+
+def early_interventions(trajectory: Path) -> int:
+    """Count, over all runs, the axial commands that were changed with more than the last 50 um still to go."""
+    import numpy as np
+    import pyarrow.parquet
+
+    table = pyarrow.parquet.read_table(trajectory)
+    wanted, given, remaining = (
+        table[name].to_numpy() for name in ("plan.speed", "command.axial_speed", "body.remaining")
+    )
+    return int(np.sum((np.abs(wanted - given) > 1e-3) & (remaining > LAST_UM)))
 
 
 def misses(row: Mapping[str, Any]) -> list[str]:
@@ -98,6 +111,8 @@ def misses(row: Mapping[str, Any]) -> list[str]:
         found.append(f"overshoots by {row['figures']['overshoot_um']['worst']:.3g} um")
     if row["figures"]["final_error_um"]["worst"] > 1.0:
         found.append(f"final error {row['figures']['final_error_um']['worst']:.3g} um")
+    if row["early_interventions"] and "spiking" in row["name"]:
+        found.append(f"{row['early_interventions']} interventions before the last {LAST_UM:g} um, wanted none")
     for name, limit in row["wanted"].items():
         mean = row["figures"][name]["mean"]
         if mean > limit:
