@@ -1,3 +1,3 @@
-"""Spiking brains for robots: brain regions declared in YAML, compiled to one graph, then trained, simulated and run."""
+"""Spiking brains for robots: regions declared in YAML, trained by their teachers, and run as one compiled graph."""
 
 __version__ = "0.1.0"

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from math import gcd
 
-from neurorobo.errors import ConfigError, Fault
+from neurorobo.errors import ConfigError, Fault, did_you_mean
 from neurorobo.units import UnitError, format_duration, parse_duration_ns
 
 MOST_TICKS = 10_000
@@ -74,12 +74,18 @@ class Clock:
         return self.window * self.spike_step_ns
 
     def ticks(self, period: str) -> int:
-        """Return the length of a named period in ticks."""
-        return self.periods_ns[period] // self.tick_ns
+        """Return the length of a named period in ticks; a ConfigError at ``("period",)`` if there is none."""
+        return self._period_ns(period) // self.tick_ns
 
     def seconds(self, period: str) -> float:
-        """Return the length of a named period in seconds."""
-        return self.periods_ns[period] / 1e9
+        """Return the length of a named period in seconds; a ConfigError at ``("period",)`` if there is none."""
+        return self._period_ns(period) / 1e9
+
+    def _period_ns(self, period: str) -> int:
+        if period not in self.periods_ns:
+            known = did_you_mean(period, self.periods_ns)
+            raise ConfigError([Fault(("period",), f"there is no period `{period}` under `time`{known}")])
+        return self.periods_ns[period]
 
     def _faults(self) -> list[Fault]:
         if "control" not in self.periods_ns:

@@ -102,3 +102,13 @@ def test_a_config_error_is_the_same_in_another_process() -> None:
     error = ConfigError([Fault(("a",), "is wrong"), Fault(("b",), "too")], ["x.yaml:1:1: a: is wrong", "b: too"])
     copy = pickle.loads(pickle.dumps(error))
     assert (copy.faults, str(copy)) == (error.faults, str(error))
+
+
+def test_a_period_that_is_not_there_is_named_where_it_is_asked_for() -> None:
+    clock = Clock.from_config({"control": "1 s", "radial": "200 ms"})
+    for lookup in (clock.ticks, clock.seconds):
+        with pytest.raises(ConfigError) as caught:
+            lookup("radia")
+        assert caught.value.faults == (
+            Fault(("period",), "there is no period `radia` under `time`; did you mean `radial`?"),
+        )

@@ -148,12 +148,9 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--only", action="append", help="measure this row and keep the others")
     only = parser.parse_args().only
+    measured = {row.name: measure(row) for row in ROWS if not only or row.name in only}
     known = {row["name"]: row for row in json.loads(LATEST.read_text())["rows"]} if only and LATEST.exists() else {}
-    rows = [
-        known[row.name] if only and row.name not in only else measure(row)
-        for row in ROWS
-        if not only or row.name in {*only, *known}
-    ]
+    rows = [found for row in ROWS if (found := measured.get(row.name, known.get(row.name)))]
     LATEST.write_text(json.dumps({"machine": platform.platform(), "rows": rows}, indent=2) + "\n")
     readme = ROOT / "README.md"
     readme.write_text(into_readme(readme.read_text(), rows))

@@ -80,7 +80,10 @@ class Body(ABC):
 
     @abstractmethod
     def read(self) -> dict[str, Array]:
-        """Return what every sensor reports now."""
+        """Return what every sensor reports now.
+
+        Reading twice without a motion in between gives the same: noise is drawn in :meth:`reset` and :meth:`advance`.
+        """
 
     @abstractmethod
     def advance(self, commands: Mapping[str, Array], duration_ns: int) -> None:
@@ -99,4 +102,4 @@ class Body(ABC):
 
     @abstractmethod
     def stop(self) -> None:
-        """Stop every motion; safe to call at any time."""
+        """Stop every motion; safe to call at any time, and called at the end of every run, however it ended."""

@@ -12,8 +12,10 @@ from neurorobo.errors import NeuroroboError
 class Supervisor:
     """Clamps commands to what the body allows at this moment and counts each intervention.
 
-    ``interventions`` (batch) counts the commands changed since :meth:`reset`, actuator by actuator and period by
-    period. A command that is not a number stops the body and raises: there is nothing sensible to clamp it to.
+    A ``hold`` command is given again at every call, clamped anew, until another takes its place; an ``increment`` is
+    given once. ``interventions`` (batch) counts the commands changed since :meth:`reset`, actuator by actuator: a new
+    one when it is changed, a held one only when it has to be changed further than before. A command that is not a
+    number stops the body and raises: there is nothing sensible to clamp it to.
     """
 
     def __init__(self, body: Body) -> None:
@@ -21,28 +23,41 @@ class Supervisor:
         self.body = body
         self.reset(0)
 
-    def reset(self, batch: int) -> None:
-        """Forget the interventions, for ``batch`` bodies."""
-        self.interventions: NDArray[np.int64] = np.zeros(batch, dtype=np.int64)
+    def reset(self, batch: int, which: NDArray[np.bool_] | None = None) -> None:
+        """Forget the interventions, for ``batch`` bodies or those of them that ``which`` marks, and what is held.
+
+        What is held is forgotten for all: a body that starts again is not to be given its old command.
+        """
+        if which is None:
+            self.interventions: NDArray[np.int64] = np.zeros(batch, dtype=np.int64)
+        else:
+            self.interventions[which] = 0
+        self._held: dict[str, Array] = {}
+        self._changes: dict[str, Array] = {}
 
     def advance(self, commands: Mapping[str, Array], duration_ns: int, running: NDArray[np.bool_]) -> dict[str, Array]:
-        """Clamp ``commands``, let the body carry them out for ``duration_ns``, and return what it was given.
+        """Clamp ``commands`` and those held, let the body carry them out for ``duration_ns``, and return what it was
+        given.
 
         Interventions count only where ``running`` (batch).
         """
-        limits = self.body.limits(duration_ns)
-        allowed = {}
         for name, wanted in commands.items():
-            if not np.isfinite(wanted[running]).all():
+            broken = wanted[running][~np.isfinite(wanted[running])]
+            if broken.size:
                 self.body.stop()
                 raise NeuroroboError(
-                    f"the command `{name}` is not a number: the body was stopped; "
+                    f"the command `{name}` is {broken[0]}: the body was stopped; "
                     "look at the inputs of the step that computes it"
                 )
-            lo, hi = limits[name]
-            allowed[name] = np.clip(wanted, lo, hi)
+        limits = self.body.limits(duration_ns)
+        allowed = {}
+        for name, wanted in {**self._held, **commands}.items():
+            allowed[name] = np.clip(wanted, *limits[name])
+            change = np.abs(allowed[name] - wanted)
+            before = 0.0 if name in commands else self._changes[name]
             slack = 1e-6 * np.maximum(1.0, np.abs(wanted))
-            changed = (np.abs(allowed[name] - wanted) > slack).any(axis=1)
-            self.interventions += changed & running
+            self.interventions += (change > before + slack).any(axis=1) & running
+            if self.body.actuators[name].kind == "hold":
+                self._held[name], self._changes[name] = wanted.copy(), change
         self.body.advance(allowed, duration_ns)
         return allowed

@@ -43,6 +43,8 @@ def compare(
     Each experiment gets a run folder of its own; if you stop, give the folders of those that are finished in place of
     their files.
     """
+    import torch
+
     from neurorobo.config.experiment import load_experiment
     from neurorobo.errors import NeuroroboError
     from neurorobo.experiment.run import run_experiment
@@ -50,6 +52,7 @@ def compare(
     from neurorobo.plugins import Registry
     from neurorobo.views.progress import RunProgress
 
+    torch.set_num_threads(1)  # as for a run
     registry = Registry.discover()
     names = [str(file) if file.is_dir() else file.stem for file in files] + list(variants)
     if twice := {name for name in names if names.count(name) > 1}:

@@ -63,16 +63,18 @@ def graph(file: Path, overrides: tuple[str, ...], out: Path | None) -> None:
     if out is None:
         click.echo(text, nl=False)
     else:
-        out.write_text(text, encoding="utf-8")
+        _write(out, text)
 
 
 @click.command()
 @json_option
-def plugins(as_json: bool) -> None:
+@click.pass_context
+def plugins(context: click.Context, as_json: bool) -> None:
     """List the installed plugins and what each provides."""
     from neurorobo.plugins import Registry
 
-    found = Registry.discover().plugins()
+    registry = Registry.discover()
+    found = registry.plugins()
     if as_json:
         click.echo(
             json.dumps(
@@ -91,12 +93,20 @@ def plugins(as_json: bool) -> None:
             )
         )
         return
+    from neurorobo.cli.plugin_commands import plugin_commands, typed_name
+
+    main = context.find_root().command
+    taken = main.commands if isinstance(main, click.Group) else ()
+    callable_commands = plugin_commands(registry, taken)
     for plugin in found:
         click.echo(f"{plugin.name}  ({plugin.distribution} {plugin.version}, {plugin.status})")
         if plugin.error:
             click.echo(f"  {plugin.error}")
         for entry in sorted(plugin.provides, key=lambda entry: (entry.kind, entry.name)):
             click.echo(f"  {entry.kind:9} {entry.name:36} {entry.summary}")
+            if entry.kind == "command" and (other := callable_commands.get(typed_name(entry))) != entry:
+                owner = f"`{other.name}`" if other else "a command of neurorobo's own"
+                click.echo(f"  {'':9} cannot be called: `{typed_name(entry)}` is {owner}")
 
 
 @click.command()
@@ -114,6 +124,17 @@ def schema(out: Path | None, check: Path | None) -> None:
             raise NeuroroboError(f"{check} is not current; run `neurorobo schema --out {check}`")
         click.echo(f"{check}: current")
     elif out is not None:
-        out.write_text(text, encoding="utf-8")
+        _write(out, text)
     else:
         click.echo(text, nl=False)
+
+
+def _write(path: Path, text: str) -> None:
+    """Write a file, and the folders that it is in."""
+    from neurorobo.errors import NeuroroboError
+
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise NeuroroboError(f"{path} cannot be written ({error.strerror}); choose another file with `--out`") from None

@@ -1,6 +1,7 @@
 """The command line. Commands import what they need when they run, so that ``--help`` is quick."""
 
 import sys
+from typing import TYPE_CHECKING
 
 import click
 
@@ -13,33 +14,43 @@ from neurorobo.cli.train import train
 from neurorobo.cli.view import view
 from neurorobo.errors import NeuroroboError
 
+if TYPE_CHECKING:
+    from neurorobo.plugins import Entry
+
 
 class _Commands(click.Group):
-    """The core's commands and those that plugins register."""
+    """The core's commands and those that plugins register, which are imported only when they are called."""
 
     def list_commands(self, context: click.Context) -> list[str]:
         """Return every command's name, the plugins' after the core's."""
-        return [*self.commands, *_plugin_commands()]
+        return [*self.commands, *self._of_plugins()]
 
     def get_command(self, context: click.Context, name: str) -> click.Command | None:
-        """Return a command; a plugin's is imported only when it is called."""
-        own = super().get_command(context, name)
-        full_name = _plugin_commands().get(name)
-        if own is not None or full_name is None:
+        """Return a command; for a plugin's, one that says no more than its summary."""
+        if (own := super().get_command(context, name)) is not None:
             return own
+        entry = self._of_plugins().get(name)
+        return None if entry is None else click.Command(name, help=entry.summary)
+
+    def resolve_command(
+        self, context: click.Context, arguments: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """Return the command that is called, imported."""
+        name, command, rest = super().resolve_command(context, arguments)
+        if name is None or name in self.commands or (entry := self._of_plugins().get(name)) is None:
+            return name, command, rest
         from neurorobo.plugins import Registry
 
-        command: click.Command = Registry.discover().get("command", full_name)
-        return command
+        command = Registry.discover().get("command", entry.name)
+        if not isinstance(command, click.Command):
+            raise NeuroroboError(f"`{entry.name}` is broken: `{entry.target}` is no click command; tell its author")
+        return name, command, rest
 
+    def _of_plugins(self) -> dict[str, "Entry"]:
+        from neurorobo.cli.plugin_commands import plugin_commands
+        from neurorobo.plugins import Registry
 
-def _plugin_commands() -> dict[str, str]:
-    """Return the plugins' commands: what is typed, and the full name; a name of the core's cannot be taken."""
-    from neurorobo.plugins import Registry
-
-    return {
-        entry.name.partition(".")[2].replace("_", "-"): entry.name for entry in Registry.discover().entries("command")
-    }
+        return plugin_commands(Registry.discover(), self.commands)
 
 
 @click.group(cls=_Commands, context_settings={"help_option_names": ["-h", "--help"]})

@@ -8,6 +8,8 @@ import click
 
 Command = Callable[..., Any]
 
+LARGEST_SEED = 2**63 - 1
+
 file_argument = click.argument("file", type=click.Path(path_type=Path, dir_okay=False))
 
 overrides_option = click.option(
@@ -19,7 +21,9 @@ overrides_option = click.option(
 )
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON instead of a table.")
 seed_option = click.option(
-    "--seed", type=click.IntRange(0), help="Seed of the first episode; the next ones follow on. Default: the file's."
+    "--seed",
+    type=click.IntRange(0, LARGEST_SEED),
+    help="Seed of the first episode; the next ones follow on. Default: the file's.",
 )
 out_option = click.option(
     "--out",

@@ -33,11 +33,15 @@ def run(
     as_json: bool,
 ) -> None:
     """Run the experiment FILE and write a run folder."""
+    import torch
+
     from neurorobo.config.experiment import load_experiment
     from neurorobo.experiment.run import run_experiment
     from neurorobo.plugins import Registry
     from neurorobo.views.progress import RunProgress
 
+    # A second thread gains little in a control loop, and a busy neighbour turns it into a loss.
+    torch.set_num_threads(1)
     registry = Registry.discover()
     experiment = load_experiment(file, overrides, registry)
     first = experiment.seed if seed is None else seed

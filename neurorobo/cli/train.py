@@ -45,7 +45,7 @@ def train(file: Path, overrides: tuple[str, ...], only: tuple[str, ...], threads
             ),
         )
     for finished in reports:
-        rms = finished.evaluation["rms"].items()
+        rms = finished.evaluation.get("rms", {}).items()  # a plugin's rule may have other figures
         errors = ", ".join(f"{port} {[round(value, 3) for value in windows[-1]]}" for port, windows in rms)
-        click.echo(f"phase {finished.index} {finished.region}: rms error {errors}")
+        click.echo(f"phase {finished.index} {finished.region}: {f'rms error {errors}' if rms else 'done'}")
     click.echo(f"weights  {folder}")

@@ -2,7 +2,8 @@
 
 from neurorobo.codes.coarse_fine import CoarseFine
 from neurorobo.codes.code import Code
+from neurorobo.codes.config import CodeConfig
 from neurorobo.codes.first_spike import TimeToFirstSpike
 from neurorobo.codes.rate import CountCode, Poisson, PopulationUniform
 
-__all__ = ["CoarseFine", "Code", "CountCode", "Poisson", "PopulationUniform", "TimeToFirstSpike"]
+__all__ = ["CoarseFine", "Code", "CodeConfig", "CountCode", "Poisson", "PopulationUniform", "TimeToFirstSpike"]

@@ -52,5 +52,7 @@ class Code(ABC):
         return (values < self.lo) | (values > self.hi)
 
     def fraction(self, values: "Tensor") -> "Tensor":
-        """Return where ``values`` lie in the range, clipped to 0..1."""
+        """Return where ``values`` lie in the range, clipped to 0..1; a ValueError if any is not finite."""
+        if not values.isfinite().all():
+            raise ValueError(f"a value that is not finite cannot be encoded over {self.lo:g}..{self.hi:g}")
         return ((values - self.lo) / (self.hi - self.lo)).clamp(0, 1)

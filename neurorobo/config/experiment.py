@@ -25,9 +25,10 @@ from neurorobo.clock import Clock
 from neurorobo.config.document import Document, load_document
 from neurorobo.config.faults import faults_of, raise_faults, validation_error
 from neurorobo.config.overrides import apply_overrides
-from neurorobo.config.plugged import REGISTRY, Plugged
+from neurorobo.config.plugged import REGISTRY, Plugged, validation_context
 from neurorobo.errors import ConfigError, Fault, NeuroroboError
 from neurorobo.graph.spec import RepeatSpec, StepSpec
+from neurorobo.learning.phase import LARGEST_SEED
 from neurorobo.plugins import Registry
 from neurorobo.regions import RegionConfig
 from neurorobo.tasks import TaskConfig
@@ -179,7 +180,9 @@ class Experiment(_Strict):
 
     neurorobo: Literal[1] = Field(description="The version of the file format.")
     name: Annotated[str, AfterValidator(_file_name)] = Field(description="Names the run folder.")
-    seed: int = Field(default=0, ge=0, strict=True, description="All randomness of a run comes from it.")
+    seed: int = Field(
+        default=0, ge=0, le=LARGEST_SEED, strict=True, description="All randomness of a run comes from it."
+    )
     clock: Annotated[Clock, PlainValidator(_read_clock), PlainSerializer(Clock.to_config)] = Field(
         alias="time", description="The periods of the steps, and the spike window of one use."
     )
@@ -207,7 +210,7 @@ class Experiment(_Strict):
         """Check a document against the models of the core and of its plugins; a ConfigError lists all faults."""
         faults = [*_stops(document.value)]
         try:
-            experiment = cls.model_validate(document.value, context={REGISTRY: registry})
+            experiment = cls.model_validate(document.value, context=validation_context(registry))
         except ValidationError as error:
             faults += faults_of(error, cls, document.value)
         raise_faults(document, faults)

@@ -1,4 +1,4 @@
-"""Overrides from the command line: ``--set train.0.epochs=3``."""
+"""Overrides from the command line: ``--set train.0.steps=300``."""
 
 import copy
 from collections.abc import Iterable

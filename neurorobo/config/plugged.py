@@ -1,47 +1,30 @@
-"""Fields whose model a plugin provides: the registry finds it by the type that the file states."""
+"""Reads fields whose model a plugin provides: the registry finds it by the type that the file states."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
 
-from pydantic import BaseModel, GetCoreSchemaHandler, GetJsonSchemaHandler, ValidationError, ValidationInfo
-from pydantic.json_schema import JsonSchemaValue
-from pydantic_core import CoreSchema, core_schema
+from pydantic import BaseModel, ValidationError
 
 from neurorobo.config.faults import faults_of, validation_error
 from neurorobo.errors import ConfigError, Fault, NeuroroboError
+from neurorobo.plugged import READER, Plugged
 from neurorobo.plugins import Kind, Registry
+
+__all__ = ["REGISTRY", "Plugged", "read_plugged", "validation_context"]
 
 REGISTRY = "registry"
 """The entry of pydantic's validation context that holds the registry."""
 
 
-@dataclass(frozen=True)
-class Plugged:
-    """Pydantic annotation: ``Annotated[BodyConfig, Plugged("body")]`` is a mapping whose ``key`` names a type.
+def validation_context(registry: Registry) -> dict[str, object]:
+    """Return the context in which pydantic can validate models with `Plugged` fields."""
 
-    The other keys are validated by the model registered for that type. The bare name is a mapping with no other key.
-    """
-
-    kind: Kind
-    key: str = "type"
-
-    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        """Validate with the registered model, serialise all fields of that model."""
-        return core_schema.with_info_plain_validator_function(
-            self._validate, serialization=core_schema.plain_serializer_function_ser_schema(_dump)
-        )
-
-    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> JsonSchemaValue:
-        """Leave a note, in whose place `neurorobo.config.schema` puts what the registry holds."""
-        return {"plugged": {"kind": self.kind, "key": self.key}}
-
-    def _validate(self, value: object, info: ValidationInfo) -> BaseModel:
-        assert info.context is not None, "the registry is missing from the validation context"
+    def read(kind: Kind, value: object, key: str) -> BaseModel:
         try:
-            return read_plugged(self.kind, value, info.context[REGISTRY], self.key)
+            return read_plugged(kind, value, registry, key)
         except ConfigError as error:
-            raise validation_error(error.faults, self.kind) from error
+            raise validation_error(error.faults, kind) from error
+
+    return {REGISTRY: registry, READER: read}
 
 
 def read_plugged(kind: Kind, value: object, registry: Registry, key: str = "type") -> BaseModel:
@@ -62,10 +45,6 @@ def read_plugged(kind: Kind, value: object, registry: Registry, key: str = "type
         raise ConfigError([Fault((key,), fault)])
     data = {**data, key: entry.name.removeprefix("core.")}
     try:
-        return model.model_validate(data, context={REGISTRY: registry})
+        return model.model_validate(data, context=validation_context(registry))
     except ValidationError as error:
         raise ConfigError(faults_of(error, model, data)) from error
-
-
-def _dump(value: BaseModel) -> dict[str, Any]:
-    return value.model_dump(mode="json", by_alias=True)

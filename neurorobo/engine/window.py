@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
-from neurorobo.neurons import LIF
+from neurorobo.neurons import LIF, Neuron
 
 
 def run_window(
@@ -27,12 +27,47 @@ def run_window(
     the window before; it also tells which neurons fired last, since a potential is stored before its reset.
     ``threshold`` (neurons), if given, replaces the neuron's own and may be trained. ``recurrent_weight`` (neurons,
     neurons), row = target, carries each step's spikes to the next step. Returns spikes (steps, batch, neurons) and
-    the last potential, differentiable in all four tensors.
+    the last potential, differentiable in all four tensors. Raises a ValueError if current and potential differ in size.
     """
+    if current.shape[1:] != potential.shape:
+        raise ValueError(
+            f"the potential is of {tuple(potential.shape)} (batch, neurons), the current of {tuple(current.shape[1:])}"
+        )
     if threshold is None:
         threshold = current.new_tensor(neuron.threshold)
     spikes, potentials = _Window.apply(current, potential, threshold, recurrent_weight, neuron)  # type: ignore[no-untyped-call]
     return spikes, potentials[-1]
+
+
+def run_steps(
+    current: Tensor, state: Tensor, neuron: Neuron, recurrent_weight: Tensor | None = None
+) -> tuple[Tensor, Tensor]:
+    """Run a layer of neurons of any model through a window, step by step; slower than :func:`run_window`.
+
+    As there, but gradients are autograd's, nothing is overwritten, and ``state`` (batch, variables) is the neuron's.
+    With a ``recurrent_weight`` it has the last spikes (batch, neurons) behind the neuron's variables. Raises a
+    ValueError if the batches differ, or if the neuron returns spikes or a state of another size.
+    """
+    _, batch, neurons = current.shape
+    if len(state) != batch:
+        raise ValueError(f"the state is of a batch of {len(state)}, the current of {batch}")
+    fired: Tensor | None = None
+    if recurrent_weight is not None:
+        state, fired = state[:, :-neurons], state[:, -neurons:]
+    before, spikes = state.shape, []
+    for now in current.unbind():
+        if recurrent_weight is not None and fired is not None:
+            now = torch.addmm(now, fired, recurrent_weight.t())
+        fired, state = neuron.step(now, state)
+        if fired.shape != now.shape or state.shape != before:
+            raise ValueError(
+                f"{type(neuron).__name__}.step must return spikes of {tuple(now.shape)} and a state of "
+                f"{tuple(before)}, not {tuple(fired.shape)} and {tuple(state.shape)}"
+            )
+        spikes.append(fired)
+    if recurrent_weight is not None:
+        state = torch.cat([state, spikes[-1]], dim=1)
+    return torch.stack(spikes), state
 
 
 class _Window(torch.autograd.Function):

@@ -1,6 +1,6 @@
 """From an experiment file to the things that run: plan, brain, body and task."""
 
-import importlib
+import hashlib
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -12,30 +12,42 @@ from neurorobo.errors import ConfigError, Fault, NeuroroboError
 from neurorobo.experiment.plan import build_plan
 from neurorobo.graph.brain import Brain
 from neurorobo.graph.plan import Plan
+from neurorobo.plugins.imports import import_target
 from neurorobo.regions import RegionConfig
 from neurorobo.regions.region import Region
 from neurorobo.regions.weights import load_weights, pretrained_path
 from neurorobo.tasks.task import Task
 
+implementation = import_target
+"""Returns the class that a configuration names as its ``implementation``."""
+
 
 def build_region(config: RegionConfig, experiment: Experiment, generator: torch.Generator) -> Region:
-    """Build one region without loading weights."""
-    region: Region = implementation(config.implementation)(config, experiment.clock, generator)
+    """Build one region without loading weights; a ConfigError if what it is configured to be cannot be built."""
+    try:
+        region: Region = implementation(config.implementation)(config, experiment.clock, generator)
+    except ValueError as error:  # layers and synapses refuse impossible sizes
+        raise ConfigError([Fault((), f"cannot be built: {error}")]) from error
     return region
 
 
 def build_brain(experiment: Experiment, plan: Plan | None = None) -> Brain:
-    """Build every region that the steps use, with its weights; fresh weights come from the experiment's seed.
+    """Build every region that the steps use, with its weights; fresh ones come from the experiment's seed and the
+    region's name.
 
-    Raises :class:`ConfigError` with the place of every weights file that cannot be used.
+    Raises :class:`ConfigError` with the place of every region that cannot be built and weights file that cannot be
+    used.
     """
     plan = plan or build_plan(experiment)
     faults: list[Fault] = []
     regions: dict[str, Region] = {}
     for name in dict.fromkeys(use.region for use in plan.uses()):
         config = experiment.regions[name]
-        generator = torch.Generator().manual_seed(experiment.seed)
-        region = build_region(config, experiment, generator)
+        try:
+            region = build_region(config, experiment, _generator(experiment.seed, name))
+        except ConfigError as error:
+            faults += error.under("regions", name).faults
+            continue
         try:
             if config.weights is not None:
                 load_weights(region, weights_file(config, experiment))
@@ -59,22 +71,17 @@ def build_task(experiment: Experiment) -> Task[Any] | None:
     return task
 
 
+def _generator(seed: int, name: str) -> torch.Generator:
+    """Return a generator of a region's own, so that two of one type do not get the same weights."""
+    digest = hashlib.sha256(f"{seed}/{name}".encode()).digest()
+    return torch.Generator().manual_seed(int.from_bytes(digest[:8], "big"))
+
+
 def weights_file(config: RegionConfig, experiment: Experiment) -> Path:
     """Return the file that ``weights`` means: a shipped one, or a path from the folder of the experiment's file."""
     if config.weights == "pretrained":
         return pretrained_path(config, experiment.clock)
     return (Path(experiment.document.source).parent / Path(config.weights or "").expanduser()).resolve()
-
-
-def implementation(target: str) -> Any:
-    """Import ``package.module:Class``; whatever goes wrong is the plugin's fault and says so."""
-    module, _, attribute = target.partition(":")
-    try:
-        return getattr(importlib.import_module(module), attribute)
-    except (ImportError, AttributeError) as error:
-        raise NeuroroboError(
-            f"`{target}` cannot be imported ({error}); reinstall the plugin that provides it"
-        ) from error
 
 
 def untrained(experiment: Experiment) -> Iterable[str]:

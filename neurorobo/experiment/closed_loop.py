@@ -1,6 +1,7 @@
 """The closed loop: brain, command layer, body and task, tick by tick, many episodes side by side."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -12,7 +13,7 @@ from neurorobo.bodies import Array, Supervisor
 from neurorobo.errors import NeuroroboError
 from neurorobo.experiment.recorder import Recorder, Sample
 from neurorobo.graph.brain import Brain
-from neurorobo.graph.plan import Use
+from neurorobo.graph.plan import Edge, Use
 from neurorobo.regions.region import Probe
 from neurorobo.tasks.task import Flags, Task
 
@@ -24,12 +25,14 @@ class EpisodeResult:
     """One episode: its seed, the task's metrics, and the mean firing rate of each region (spikes per neuron and step,
     0..1).
 
-    Rates count the neurons inside and at the output of a region, not those of the input code.
+    Rates count the neurons inside and at the output of a region, not those of the input code. ``saturations`` counts,
+    for each ``<step>.<input>`` where there were any, the components of values out of the range of the input's code.
     """
 
     seed: int
     metrics: Metrics
     firing_rates: Mapping[str, float]
+    saturations: Mapping[str, int] = field(default_factory=dict)
 
 
 def run_episodes(
@@ -44,29 +47,31 @@ def run_episodes(
     """Run one episode per seed, all in one batch, until each has ended or ``duration_ns`` is over.
 
     Without a task there is no body: the brain runs by itself for ``duration_ns``. ``progress`` is told the tick and
-    how many episodes are still running. What an episode does depends on its seed alone, not on the batch.
+    how many episodes are still running. What an episode does depends on its seed alone, not on the batch. The body is
+    stopped at the end, also when that is Ctrl-C or an error.
     """
     if task is None and duration_ns is None:
         raise ValueError("without a task, the duration must be given")
     tick_ns = brain.plan.clock.tick_ns
     batch = len(seeds)
     running: Flags = np.ones(batch, dtype=np.bool_)
-    supervisor = None
-    if task is not None:
-        task.body.reset(seeds)
-        task.reset(batch)
-        supervisor = Supervisor(task.body)
-        supervisor.reset(batch)
+    supervisor = None if task is None else Supervisor(task.body)
     watch = _Watch(batch, any(recorder.wants_spikes for recorder in recorders))
     state = brain.init_state(seeds)
-    with torch.inference_mode():
+    with torch.inference_mode(), _stopped_at_the_end(task):
+        if task is not None and supervisor is not None:
+            task.body.reset(seeds)
+            task.reset(batch)
+            supervisor.reset(batch)
         while running.any() and (duration_ns is None or state.tick * tick_ns < duration_ns):
             progress(state.tick, int(running.sum()))
             tick = state.tick
             observation = {} if task is None else task.body.read()
-            _check(observation, task)
+            _check(observation, running)
             watch.begin(running)
-            numbers = {name: torch.as_tensor(value, dtype=torch.float32) for name, value in observation.items()}
+            # Of episodes that have ended, a sensor may report anything; what the brain makes of it does not matter.
+            finite = {name: np.nan_to_num(value, posinf=0.0, neginf=0.0) for name, value in observation.items()}
+            numbers = {name: torch.as_tensor(value, dtype=torch.float32) for name, value in finite.items()}
             commands, state = brain.tick(numbers, state, watch)
             given: Mapping[str, Array] = {}
             ended = np.zeros(batch, dtype=np.bool_)
@@ -75,7 +80,9 @@ def run_episodes(
                 given = supervisor.advance(wanted, tick_ns, running)
                 task.observe(tick_ns, running)
                 ended = task.terminated() | task.truncated()
-            sample = Sample(tick, tick * tick_ns * 1e-9, running, observation, given, watch.outputs, watch.spikes)
+            sample = Sample(
+                tick, tick * tick_ns * 1e-9, running, observation, given, watch.outputs, watch.spikes, seeds
+            )
             for recorder in recorders:
                 recorder.sample(sample)
             running = running & ~ended
@@ -84,23 +91,32 @@ def run_episodes(
     for i, seed in enumerate(seeds):
         interventions = {} if supervisor is None else {"command_interventions": float(supervisor.interventions[i])}
         rates = {region: float(rate[i]) for region, rate in watch.firing_rates().items()}
-        results.append(EpisodeResult(seed, {**metrics[i], **interventions}, rates))
+        saturations = {place: n for place, count in watch.saturations.items() if (n := int(count[i]))}
+        results.append(EpisodeResult(seed, {**metrics[i], **interventions}, rates, saturations))
     return results
 
 
-def _check(observation: Mapping[str, Array], task: Task[Any] | None) -> None:
-    """Stop the body and raise if a sensor reports what is not a number."""
-    for name, value in observation.items():
-        if task is not None and not np.isfinite(value).all():
+@contextmanager
+def _stopped_at_the_end(task: Task[Any] | None) -> Iterator[None]:
+    """Stop the task's body, however the block ends."""
+    try:
+        yield
+    finally:
+        if task is not None:
             task.body.stop()
-            raise NeuroroboError(
-                f"the sensor `{name}` reports {value[~np.isfinite(value)][0]}: the body was stopped; check the sensor"
-            )
+
+
+def _check(observation: Mapping[str, Array], running: Flags) -> None:
+    """Raise if a sensor of a running episode reports what is not a number."""
+    for name, value in observation.items():
+        broken = value[running][~np.isfinite(value[running])]
+        if broken.size:
+            raise NeuroroboError(f"the sensor `{name}` reports {broken[0]}: the body was stopped; check the sensor")
 
 
 @dataclass
 class _Watch:
-    """Observes a brain for the samples and the firing rates."""
+    """Observes a brain for the samples, the firing rates and the saturations."""
 
     batch: int
     keeps_spikes: bool
@@ -109,6 +125,7 @@ class _Watch:
     running: Tensor = field(init=False)
     fired: dict[str, Tensor] = field(default_factory=dict)
     chances: dict[str, Tensor] = field(default_factory=dict)
+    saturations: dict[str, Tensor] = field(default_factory=dict)
 
     def begin(self, running: Flags) -> None:
         """Start a tick, in which the ``running`` episodes count."""
@@ -135,6 +152,11 @@ class _Watch:
                 self.spikes.setdefault(use.name, {})[layer] = spikes
 
         return listen
+
+    def saturated(self, edge: Edge, count: Tensor) -> None:
+        """Count the components of a value that were out of range."""
+        place = f"{edge.reader}.{edge.input}"
+        self.saturations[place] = self.saturations.get(place, 0) + self.running * count
 
     def firing_rates(self) -> dict[str, Tensor]:
         """Return spikes per neuron and step (batch) of every region that spikes."""

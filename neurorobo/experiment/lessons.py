@@ -1,26 +1,40 @@
 """The training phases of an experiment, checked: which region learns what from whom."""
 
-from collections.abc import Iterator
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from pydantic import BaseModel
 
 from neurorobo.config.experiment import Experiment, raise_faults
 from neurorobo.config.plugged import read_plugged
 from neurorobo.errors import ConfigError, Fault, did_you_mean
-from neurorobo.learning.phase import DataConfig, SupervisePhase
+from neurorobo.learning.phase import DataConfig, Phase
 from neurorobo.plugins import Registry
 from neurorobo.regions import RegionConfig
 
 
 @dataclass(frozen=True)
 class Lesson:
-    """One phase and what it names: the pupil's configuration, its teacher's, and that of the data."""
+    """One phase, the configuration of the pupil that it names, and of each of its parts, such as ``teacher``."""
 
-    phase: SupervisePhase
+    phase: Any  # a Phase; what else is in it, only its rule knows
     pupil: RegionConfig
-    teacher: RegionConfig
-    data: DataConfig
+    parts: Mapping[str, BaseModel]
+
+    @property
+    def teacher(self) -> RegionConfig:
+        """The teacher of a supervised phase."""
+        teacher = self.parts["teacher"]
+        assert isinstance(teacher, RegionConfig)
+        return teacher
+
+    @property
+    def data(self) -> DataConfig:
+        """The data of a supervised phase."""
+        data = self.parts["data"]
+        assert isinstance(data, DataConfig)
+        return data
 
 
 def read_lessons(experiment: Experiment, registry: Registry) -> list[Lesson]:
@@ -28,18 +42,18 @@ def read_lessons(experiment: Experiment, registry: Registry) -> list[Lesson]:
     faults: list[Fault] = []
     lessons = []
     for index, phase in enumerate(experiment.train):
-        found = _read(phase, experiment, registry)
         try:
-            lessons += list(found)
+            lessons.append(_read(phase, experiment, registry))
         except ConfigError as error:
             faults += error.under("train", index).faults
     raise_faults(experiment.document, faults)
     return lessons
 
 
-def _read(phase: BaseModel, experiment: Experiment, registry: Registry) -> Iterator[Lesson]:
-    if not isinstance(phase, SupervisePhase):
-        raise ConfigError([Fault(("phase",), f"a {type(phase).__name__} cannot be run by `neurorobo train`")])
+def _read(phase: BaseModel, experiment: Experiment, registry: Registry) -> Lesson:
+    if not isinstance(phase, Phase):
+        message = f"a {type(phase).__name__} cannot be run by `neurorobo train`; its author has to derive it from Phase"
+        raise ConfigError([Fault(("phase",), message)])
     pupil = experiment.regions.get(phase.region)
     if pupil is None:
         raise ConfigError(
@@ -47,18 +61,13 @@ def _read(phase: BaseModel, experiment: Experiment, registry: Registry) -> Itera
         )
     faults: list[Fault] = []
     parts: dict[str, BaseModel] = {}
-    for key, kind in (("teacher", "region"), ("data", "data")):
+    for key, kind in phase.parts.items():
         try:
-            parts[key] = read_plugged(kind, getattr(phase, key), registry)  # type: ignore[arg-type]
+            parts[key] = read_plugged(kind, getattr(phase, key), registry)
         except ConfigError as error:
             faults += error.under(key).faults
-    try:
-        phase.check(pupil.inputs(experiment.clock), pupil.outputs(experiment.clock))
-    except ConfigError as error:
-        faults += error.faults
-    if faults:
-        raise ConfigError(faults)
-    teacher, data = parts["teacher"], parts["data"]
-    assert isinstance(teacher, RegionConfig)
-    assert isinstance(data, DataConfig)
-    yield Lesson(phase, pupil, teacher, data)
+    if not faults:
+        clock = experiment.clock
+        phase.check(pupil.inputs(clock), pupil.outputs(clock), clock, parts)
+        return Lesson(phase, pupil, parts)
+    raise ConfigError(faults)

@@ -15,7 +15,7 @@ from neurorobo.tasks.task import Flags, Task
 
 @dataclass(frozen=True)
 class Setting:
-    """What a recorder is told before a run: where to write, what is run, and with which seeds."""
+    """What a recorder is told before a run: where to write, what is run, and with which seeds (of all episodes)."""
 
     folder: Path
     name: str
@@ -30,7 +30,8 @@ class Sample:
 
     ``observation`` was read at the tick's start, ``given`` is what the body carried out until its end. ``outputs``
     holds, for each step that ran, its ports as numbers (batch, width), of its last iteration if it repeats.
-    ``spikes`` holds (steps, batch, neurons) by step and layer, for recorders that want them.
+    ``spikes`` holds (steps, batch, neurons) by step and layer, for recorders that want them. ``seeds`` are those of
+    this batch; of a large run, one batch follows the other, each from tick 0.
     """
 
     tick: int
@@ -40,10 +41,14 @@ class Sample:
     given: Mapping[str, Array]
     outputs: Mapping[str, Mapping[str, Tensor]]
     spikes: Mapping[str, Mapping[str, Tensor]]
+    seeds: Sequence[int] = ()
 
 
 class Recorder(ABC):
-    """Keeps something of a run; samples are buffered, files are written at the end."""
+    """Keeps something of a run; samples are buffered, files are written at the end.
+
+    A recorder that ``wants_spikes`` is given the first batch only: those of a whole large run would fill the memory.
+    """
 
     wants_spikes: ClassVar[bool] = False
 

@@ -15,6 +15,7 @@ from neurorobo.experiment.plan import build_plan
 from neurorobo.experiment.recorder import Recorder, Setting
 from neurorobo.experiment.run_folder import RunFolder, new_folder_path
 from neurorobo.experiment.summary import summarise
+from neurorobo.graph.plan import Plan
 from neurorobo.plugins import Registry
 
 LARGEST_BATCH = 100
@@ -44,10 +45,6 @@ def run_experiment(
     ``record`` replaces the recorders that the file names; ``progress`` is told each tick and how many still run. An
     interrupted run keeps what was recorded; its ``run.json`` says ``interrupted``.
     """
-    import torch
-
-    # A second thread gains little in a control loop, and a busy neighbour turns it into a loss.
-    torch.set_num_threads(1)
     plan = build_plan(experiment)
     brain = build_brain(experiment, plan)
     for name in untrained(experiment):
@@ -59,15 +56,16 @@ def run_experiment(
         given=experiment.document.text,
         resolved=dump(_resolved(experiment)),
         seeds=seeds,
-        weights=_fingerprints(experiment),
+        weights=_fingerprints(experiment, plan),
         plugins={plugin.name: plugin.version for plugin in registry.plugins() if plugin.status == "loaded"},
     )
-    registry.call("neurorobo_run_started", folder=path)
-    setting = Setting(path, experiment.name, plan, seeds[:LARGEST_BATCH], task)
-    names = experiment.record if record is None else record
-    recorders: list[Recorder] = [registry.get("recorder", name)(setting) for name in names]
-    results = []
+    recorders: list[Recorder] = []
     try:
+        registry.call("neurorobo_run_started", folder=path)
+        setting = Setting(path, experiment.name, plan, seeds, task)
+        for name in experiment.record if record is None else record:
+            recorders.append(registry.get("recorder", name)(setting))
+        results = []
         for start in range(0, len(seeds), LARGEST_BATCH):
             batch = seeds[start : start + LARGEST_BATCH]
             results += run_episodes(
@@ -75,20 +73,37 @@ def run_experiment(
                 task,
                 batch,
                 duration_ns=None if experiment.episode is None else experiment.episode.duration,
-                recorders=recorders if start == 0 else (),
+                recorders=[r for r in recorders if start == 0 or not r.wants_spikes],
                 progress=progress,
             )
+        summary = summarise(results, frozenset() if task is None else task.higher_is_better)
+        folder.write_summary(summary)
+        files = _finish(recorders)
     except BaseException as error:
-        for recorder in recorders:
-            recorder.finish()
+        try:
+            _finish(recorders)
+        except Exception as second:
+            print(f"note: a recorder failed too: {second!r}", file=sys.stderr)
         folder.finish("interrupted" if isinstance(error, KeyboardInterrupt) else "failed")
         raise
-    files = [file for recorder in recorders if (file := recorder.finish()) is not None]
-    summary = summarise(results, frozenset() if task is None else task.higher_is_better)
-    folder.write_summary(summary)
     folder.finish("finished")
     registry.call("neurorobo_run_finished", folder=path, summary=summary)
     return FinishedRun(folder, summary, files)
+
+
+def _finish(recorders: list[Recorder]) -> list[Path]:
+    """Finish every recorder, each once, and return their files; raise the first error when all have been asked."""
+    files, errors = [], []
+    while recorders:
+        try:
+            file = recorders.pop(0).finish()
+        except Exception as error:
+            errors.append(error)
+        else:
+            files += [] if file is None else [file]
+    if errors:
+        raise errors[0]
+    return files
 
 
 def _resolved(experiment: Experiment) -> dict[str, Any]:
@@ -100,7 +115,8 @@ def _resolved(experiment: Experiment) -> dict[str, Any]:
     return resolved
 
 
-def _fingerprints(experiment: Experiment) -> dict[str, str]:
-    """Return the SHA-256 of each region's weights file, so that it can be known again."""
-    files = {n: weights_file(config, experiment) for n, config in experiment.regions.items() if config.weights}
+def _fingerprints(experiment: Experiment, plan: Plan) -> dict[str, str]:
+    """Return the SHA-256 of the weights file of each region in use, so that it can be known again."""
+    used = {use.region: experiment.regions[use.region] for use in plan.uses()}
+    files = {name: weights_file(config, experiment) for name, config in used.items() if config.weights}
     return {name: hashlib.sha256(file.read_bytes()).hexdigest() for name, file in files.items()}

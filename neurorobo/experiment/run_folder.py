@@ -77,7 +77,14 @@ class RunFolder:
 
     def summary(self) -> dict[str, Any]:
         """Return the content of ``summary.json``."""
-        return self._read("summary.json")
+        content = self._read("summary.json")
+        episodes, aggregate = content.get("episodes"), content.get("aggregate")
+        if not (
+            isinstance(episodes, list) and isinstance(aggregate, dict) and all(map(_is_figure, aggregate.values()))
+        ):
+            path = self.path / "summary.json"
+            raise NeuroroboError(f"{path} is not the summary of a run; run the experiment again")
+        return content
 
     def write_summary(self, summary: Mapping[str, Any]) -> None:
         """Write ``summary.json``."""
@@ -89,7 +96,9 @@ class RunFolder:
     def _read(self, name: str) -> dict[str, Any]:
         path = self.path / name
         try:
-            content: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+            content = json.loads(path.read_text(encoding="utf-8"))
+            if not isinstance(content, dict):
+                raise ValueError("it is not a mapping")
         except FileNotFoundError:
             raise NeuroroboError(f"{self.path} has no {name}: it is not the folder of a finished run") from None
         except (OSError, ValueError) as error:
@@ -113,6 +122,10 @@ def write_json(path: Path, content: Mapping[str, Any]) -> None:
     temporary = path.with_name(path.name + ".part")
     temporary.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
     os.replace(temporary, path)
+
+
+def _is_figure(value: object) -> bool:
+    return isinstance(value, dict) and value.keys() >= {"mean", "standard_error", "worst"}
 
 
 def _now() -> str:

@@ -11,13 +11,17 @@ from neurorobo.experiment.closed_loop import EpisodeResult
 def summarise(results: Sequence[EpisodeResult], higher_is_better: Collection[str]) -> dict[str, Any]:
     """Return ``{"episodes": [...], "aggregate": {figure: {mean, standard_error, worst}}}``, ready for JSON.
 
-    The standard error of a single episode is ``None``: it is not known.
+    The standard error of a single episode is ``None``: it is not known. Besides their sum, saturations are listed for
+    each input that saturated in any of the episodes.
     """
+    saturated = sorted({place for result in results for place in result.saturations})
     episodes = [
         {
             "seed": result.seed,
             **result.metrics,
             **{f"firing_rate.{name}": rate for name, rate in result.firing_rates.items()},
+            "saturations": sum(result.saturations.values()),
+            **{f"saturations.{place}": result.saturations.get(place, 0) for place in saturated},
         }
         for result in results
     ]

@@ -34,7 +34,7 @@ class TrajectoryRecorder(Recorder):
         """Keep the running episodes of one tick."""
         running = sample.running
         row = {
-            "seed": np.asarray(self.setting.seeds)[running],
+            "seed": np.asarray(sample.seeds)[running],
             "tick": np.full(running.sum(), sample.tick),
             "time_s": np.full(running.sum(), sample.time_s),
         }

@@ -14,6 +14,8 @@ from neurorobo.graph.plan import Edge, Plan, Repeat, Use
 from neurorobo.regions import Port
 from neurorobo.regions.region import Probe, Region, State
 
+_PREFIX = "region_"
+
 
 class Observer(Protocol):
     """Watches a brain at work; it may not change anything."""
@@ -24,12 +26,19 @@ class Observer(Protocol):
     def probe(self, use: Use) -> Probe | None:
         """Return what should listen to the spikes inside this use, if anything."""
 
+    def saturated(self, edge: Edge, count: Tensor) -> None:
+        """Take how many components of a value, ``count`` (batch), were out of the range of the code they went into.
+
+        Called each time that an edge encodes or recodes.
+        """
+
 
 @dataclass(frozen=True)
 class BrainState:
     """All that a brain remembers between ticks: region states, edge buffers, time, and the states of its generators.
 
-    ``buffers`` holds for each edge its last values, oldest first, each (batch, width) or (steps, batch, neurons).
+    ``buffers`` holds for each edge its last values, oldest first, each (batch, width) or (steps, batch, neurons);
+    where values are added up, each has one more column that counts them: 0 before the source has spoken, then 1.
     """
 
     tick: int
@@ -37,16 +46,6 @@ class BrainState:
     regions: Mapping[str, State]
     buffers: Mapping[str, tuple[Tensor, ...]]
     random: Tensor
-
-    def detach(self) -> "BrainState":
-        """Return the same state, cut off from the graph of gradients."""
-        return replace(
-            self,
-            regions={
-                name: {key: value.detach() for key, value in state.items()} for name, state in self.regions.items()
-            },
-            buffers={name: tuple(value.detach() for value in values) for name, values in self.buffers.items()},
-        )
 
     def tensors(self) -> dict[str, Tensor]:
         """Return the state as named tensors, for a checkpoint; :meth:`from_tensors` is its inverse."""
@@ -81,11 +80,13 @@ class Brain(nn.Module):
         """Join a plan with the regions that it names."""
         super().__init__()
         self.plan = plan
-        self.regions = nn.ModuleDict(dict(regions))
+        self.names = tuple(regions)
+        # torch refuses the names of a module's own attributes, such as `train`
+        self.regions = nn.ModuleDict({_PREFIX + name: region for name, region in regions.items()})
 
     def region(self, name: str) -> Region:
         """Return a region by name."""
-        region = self.regions[name]
+        region = self.regions[_PREFIX + name]
         assert isinstance(region, Region)
         return region
 
@@ -96,15 +97,21 @@ class Brain(nn.Module):
         """
         batch = len(seeds)
         generators = [torch.Generator().manual_seed(seed) for seed in seeds] if self.plan.stochastic else []
-        regions = {name: self.region(name).init_state(batch) for name in self.regions}
+        regions = {name: self.region(name).init_state(batch) for name in self.names}
         buffers = {edge.name: self._initial(edge, batch, generators) for edge in self.plan.edges()}
         return BrainState(0, batch, regions, buffers, _states(generators, batch))
 
     def reset(self, state: BrainState, which: Tensor, seeds: Sequence[int]) -> BrainState:
         """Return ``state`` with the runs where ``which`` (batch, bool) at their start again; the time goes on.
 
-        ``seeds`` has one for every run of the batch; those of runs that go on are not used.
+        ``seeds`` has one for every run of the batch; those of runs that go on are not used. Raises NeuroroboError where
+        a run cannot start: inside a hyperperiod, as not every step runs then.
         """
+        if state.tick % self.plan.hyperperiod:
+            raise NeuroroboError(
+                f"a run cannot start at tick {state.tick}, where some steps do not run; "
+                f"reset at a multiple of the hyperperiod of {self.plan.hyperperiod} ticks"
+            )
         start = self.init_state(seeds)
 
         def mixed(old: Tensor, new: Tensor, batch_dimension: int) -> Tensor:
@@ -130,15 +137,25 @@ class Brain(nn.Module):
         """Run everything that is due at ``state.tick``.
 
         ``observation`` maps each sensor to numbers (batch, width). Returns the commands that are due (batch, width)
-        by actuator, and the next state. ``state`` itself is left as it was.
+        by actuator, and the next state. ``state`` itself is left as it was. Raises NeuroroboError if the observation
+        lacks a sensor that is read, or has another shape.
         """
+        for edge in self.plan.outgoing.get(BODY, ()):
+            shape = (state.batch, edge.source_port.width)
+            if edge.output not in observation:
+                raise NeuroroboError(f"the observation lacks the sensor `{edge.output}`, which `{edge.reader}` reads")
+            if observation[edge.output].shape != shape:
+                raise NeuroroboError(
+                    f"the sensor `{edge.output}` gives the shape {tuple(observation[edge.output].shape)}; "
+                    f"this state and this plan need {shape}: runs, components"
+                )
         moment = _Moment(self, state, observer)
         moment.push(BODY, observation)
         for item in self.plan.due(state.tick):
             if isinstance(item, Repeat):
                 moment.run_repeat(item)
             else:
-                moment.run(item, 0, {})
+                moment.run_alone(item)
         commands = {
             name: moment.read(edge) for name, edge in self.plan.command.items() if state.tick % edge.source_period == 0
         }
@@ -146,8 +163,9 @@ class Brain(nn.Module):
 
     def _initial(self, edge: Edge, batch: int, generators: Sequence[torch.Generator]) -> tuple[Tensor, ...]:
         """Return the values of an edge before its source has spoken; none where the source always speaks first."""
-        value = initial_value(_stored_port(edge), batch, self.plan.clock.window, generators)
-        return (value,) * edge.length
+        if edge.reduction != "newest":
+            return (torch.zeros(batch, edge.reader_port.width + 1),) * edge.length
+        return (initial_value(edge.reader_port, batch, self.plan.clock.window, generators),) * edge.length
 
 
 def initial_value(port: Port, batch: int, steps: int, generators: Sequence[torch.Generator]) -> Tensor:
@@ -192,14 +210,13 @@ def _restored(states: Tensor) -> list[torch.Generator]:
     return generators
 
 
-def _stored_port(edge: Edge) -> Port:
-    """An edge keeps values as its reader wants them; where it has to add them up first, as numbers."""
-    return edge.reader_port if edge.reduction == "newest" else replace(edge.reader_port, code=None)
-
-
 @dataclass
 class _Moment:
-    """One tick in the making: working copies of what may change."""
+    """One tick in the making: working copies of what may change.
+
+    ``forks`` holds the state of each forked use, ``block`` that of each region with ``carry: repeat``; both are those
+    of the repeat that is running.
+    """
 
     brain: Brain
     state: BrainState
@@ -207,6 +224,8 @@ class _Moment:
     regions: dict[str, State] = field(init=False)
     buffers: dict[str, tuple[Tensor, ...]] = field(init=False)
     generators: list[torch.Generator] = field(init=False)
+    forks: dict[str, State] = field(default_factory=dict)
+    block: dict[str, State] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         self.regions = dict(self.state.regions)
@@ -224,15 +243,19 @@ class _Moment:
             random=_states(self.generators, self.state.batch),
         )
 
-    def push(self, source: str, outputs: Mapping[str, Tensor], iteration: int = 0) -> None:
-        """Put new values of a source into its edges."""
+    def push(self, source: str, outputs: Mapping[str, Tensor], *, first: bool = True, last: bool = True) -> None:
+        """Put new values of a source into its edges; ``first`` and ``last`` tell the iteration of its repeat."""
         for edge in self.brain.plan.outgoing.get(source, ()):
-            if edge.first_iteration_only and iteration > 0:
+            if (edge.iteration == "first" and not first) or (edge.iteration == "last" and not last):
                 continue
             if edge.output not in outputs:
                 raise NeuroroboError(f"`{source}` did not give `{edge.output}`, which `{edge.reader}` reads")
-            stored = _stored_port(edge).code
-            value = convert(outputs[edge.output], edge.source_port.code, stored, self.steps, self.generators)
+            value = outputs[edge.output]
+            if edge.reduction == "newest":
+                value = self.converted(edge, value, edge.source_port.code, edge.reader_port.code)
+            else:
+                numbers = self.converted(edge, value, edge.source_port.code, None)
+                value = torch.cat([numbers, torch.ones(self.state.batch, 1)], dim=1)
             self.buffers[edge.name] = (*self.buffers[edge.name][1:], value)
 
     def read(self, edge: Edge) -> Tensor:
@@ -241,43 +264,62 @@ class _Moment:
         if edge.reduction == "newest":
             return values[-1 - edge.offset(self.state.tick)]
         total = torch.stack(values).sum(0)
+        total, count = total[:, :-1], total[:, -1:]
         if edge.reduction == "mean":
-            total = total / edge.length
-        return convert(total, None, edge.reader_port.code, self.steps, self.generators)
+            total = total / count.clamp(min=1)
+        start = initial_value(replace(edge.reader_port, code=None), self.state.batch, self.steps, self.generators)
+        return self.converted(edge, torch.where(count > 0, total, start), None, edge.reader_port.code)
+
+    def converted(self, edge: Edge, value: Tensor, source: Code | None, target: Code | None) -> Tensor:
+        """Convert a value on its way along an edge, and tell the observer what saturates."""
+        if self.observer is not None and target is not None and source != target:
+            # A decoded value may leave its code's range by a rounding.
+            numbers = value if source is None else source.decode(value).clamp(source.lo, source.hi)
+            self.observer.saturated(edge, target.saturated(numbers).sum(1))
+        return convert(value, source, target, self.steps, self.generators)
 
     def run_repeat(self, block: Repeat) -> None:
-        """Run a block of uses several times; its forked states live and end with it."""
+        """Run a block of uses several times; the states of its forks and of ``carry: repeat`` live and end with it."""
         names = {use.name for use in block.uses}
         for use in block.uses:
             for edge in self.brain.plan.outgoing.get(use.name, ()):
                 if edge.restarts_in_repeat and edge.reader in names:
                     self.buffers[edge.name] = self.brain._initial(edge, self.state.batch, self.generators)
-        forked: dict[str, State] = {}
+        self.forks, self.block = {}, {}
         for iteration in range(block.count):
             for use in block.uses:
-                self.run(use, iteration, forked)
+                self.run(use, iteration, last=iteration == block.count - 1)
 
-    def run(self, use: Use, iteration: int, forked: dict[str, State]) -> None:
+    def run_alone(self, use: Use) -> None:
+        """Run a use outside any repeat."""
+        self.forks, self.block = {}, {}
+        self.run(use, 0, last=True)
+
+    def run(self, use: Use, iteration: int, *, last: bool) -> None:
         """Run one use: gather its inputs, step its region, keep or drop the new state, publish the outputs."""
         region = self.brain.region(use.region)
         inputs = {name: self.read(edges[min(iteration, len(edges) - 1)]) for name, edges in use.inputs.items()}
         for name, port in use.defaults.items():
             inputs[name] = initial_value(port, self.state.batch, self.steps, self.generators)
         probe = None if self.observer is None else self.observer.probe(use)
-        outputs, after = region.step(inputs, self._state_before(use, region, forked), probe)
-        if use.policy == "fork" or region.config.carry == "repeat":
-            forked[use.region] = after
+        outputs, after = region.step(inputs, self._state_before(use, region), probe)
+        if use.policy == "fork":
+            self.forks[use.name] = after
+        elif use.policy == "commit" and region.config.carry == "repeat":
+            self.block[use.region] = after
         elif use.policy == "commit" and region.config.carry == "always":
             self.regions[use.region] = after
-        self.push(use.name, outputs, iteration)
+        self.push(use.name, outputs, first=iteration == 0, last=last)
         if self.observer is not None:
             self.observer.used(use, iteration, outputs)
 
-    def _state_before(self, use: Use, region: Region, forked: dict[str, State]) -> State:
+    def _state_before(self, use: Use, region: Region) -> State:
         """Return the state a use starts from, by its policy and by how long the region carries its state."""
         carry = region.config.carry
         if use.policy == "fresh" or carry == "never":
             return region.init_state(self.state.batch)
-        if use.region in forked:
-            return forked[use.region]
-        return self.regions[use.region] if carry == "always" else region.init_state(self.state.batch)
+        if use.name in self.forks:
+            return self.forks[use.name]
+        if carry == "always":
+            return self.regions.get(use.region, {})  # a region without state leaves no trace in a checkpoint
+        return self.block.get(use.region) or region.init_state(self.state.batch)

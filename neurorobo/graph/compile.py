@@ -7,11 +7,11 @@ from typing import Protocol
 
 from neurorobo.clock import Clock
 from neurorobo.errors import ConfigError, Fault, NeuroroboError, did_you_mean
-from neurorobo.graph.plan import Edge, Plan, Repeat, Use
-from neurorobo.graph.reference import Reference, Source, parse_reference
+from neurorobo.graph.plan import Edge, Plan, Reduction, Repeat, Use
+from neurorobo.graph.reference import Source, parse_reference
 from neurorobo.graph.spec import RepeatSpec, StepSpec
 from neurorobo.regions import Port, RegionConfig
-from neurorobo.units import same_unit
+from neurorobo.units import UnitError, same_unit
 
 BODY = "body"
 COMMAND = "command"
@@ -139,7 +139,10 @@ class _Compiler:
             return None
         if step.use not in self.ports:
             try:
-                self.ports[step.use] = config.inputs(self.clock), config.outputs(self.clock)
+                inputs, outputs = config.inputs(self.clock), config.outputs(self.clock)
+                for name, port in (*inputs.items(), *outputs.items()):
+                    _check_port(name, port)
+                self.ports[step.use] = inputs, outputs
             except ConfigError as error:
                 self.ports[step.use] = None
                 self.faults += error.under("regions", step.use).faults
@@ -205,7 +208,7 @@ class _Compiler:
         for takes_over, source in enumerate((reference.source, reference.then)):
             if source is None:
                 continue
-            edge = self._edge(reader, name, port, source, reference, path, takes_over=bool(takes_over))
+            edge = self._edge(reader, name, port, source, path, takes_over=bool(takes_over))
             if edge is None:
                 return ()
             edges.append(edge)
@@ -218,7 +221,6 @@ class _Compiler:
         name: str,
         port: Port,
         source: Source,
-        reference: Reference,
         path: Path,
         *,
         takes_over: bool,
@@ -234,7 +236,12 @@ class _Compiler:
                 self._fault(path, f"`{source.step}` has no output `{source.port}`{known}")
             return None
         offered = node.outputs[source.port]
-        if not same_unit(offered.unit, port.unit) or offered.width != port.width:
+        try:
+            fits = same_unit(offered.unit, port.unit) and offered.width == port.width
+        except UnitError as error:  # of a sensor or an actuator
+            self._fault(path, str(error))
+            return None
+        if not fits:
             self._fault(
                 path, f"`{source.step}.{source.port}` is {_describe(offered)}, but `{name}` takes {_describe(port)}"
             )
@@ -262,16 +269,13 @@ class _Compiler:
                 return None
             back = int(runs_first)
             return replace(edge, iterations_back=back, length=back + 1)
-        if reference.then is None and source.reading == "now" and not runs_first and not source.delay_ns:
-            self.late.append((path, reader.name, source.step))
+        misuse = self._misuse(reader, node, source)
+        if misuse is not None:
+            self._fault(path, misuse)
+            return None
+        if node.repeat is not None and not together:
+            edge = replace(edge, iteration="last")
         if source.delay_ns:
-            if source.delay_ns % self.clock.tick_ns:
-                self._fault(
-                    path,
-                    f"a delay of {source.delay_ns / 1e6:g} ms is not a multiple of the tick "
-                    f"of {self.clock.tick_ns / 1e6:g} ms",
-                )
-                return None
             delay = source.delay_ns // self.clock.tick_ns
             edge, needs_initial = replace(edge, delay=delay, length=-(-delay // node.period) + 1), True
         elif source.reading == "previous":
@@ -281,31 +285,19 @@ class _Compiler:
                 edge = replace(edge, iterations_back=back, length=back + 1, restarts_in_repeat=True)
             elif runs_first:
                 edge = replace(edge, skip_this_tick=True, length=2)
-        elif source.reading == "first":
-            if node.repeat is None:
-                self._fault(
-                    path, f"`first` reads the first iteration of a repeat, and `{source.step}` is in none; leave it out"
-                )
-                return None
-            edge = replace(edge, first_iteration_only=True)
-        elif source.reading in ("sum", "mean") or (
-            source.reading == "now" and node.period < reader.period and node.name != BODY
-        ):
-            if source.reading == "now":
-                self._fault(
-                    path,
-                    f"`{source.step}` runs {reader.period // node.period} times as often as its reader; "
-                    f"say which value is meant: `last {source}`, `sum {source}` or `mean {source}`",
-                )
-                return None
-            length = max(1, reader.period // node.period)
-            edge = replace(edge, reduction="sum" if source.reading == "sum" else "mean", length=length)
-            needs_initial = not runs_first
-        if not runs_first and source.reading in ("last", "sum", "mean"):
-            needs_initial = True
-        if source.reading in ("now", "first", "last", "sum", "mean") and not source.delay_ns and runs_first:
-            self.same_tick.setdefault(reader.name, set()).add(source.step)
-        if needs_initial and port.initial is None and reader.name != COMMAND:
+        else:
+            if runs_first:
+                self.same_tick.setdefault(reader.name, set()).add(source.step)
+            elif source.reading == "now":
+                self.late.append((path, reader.name, source.step))
+            else:
+                needs_initial = True
+            if source.reading == "first":
+                edge = replace(edge, iteration="first")
+            elif source.reading in ("sum", "mean"):
+                reduction: Reduction = "sum" if source.reading == "sum" else "mean"
+                edge = replace(edge, reduction=reduction, length=reader.period // node.period)
+        if needs_initial and port.initial is None:
             self._fault(
                 path,
                 f"`{edge.wording}` has no value at the start, and the input `{name}` declares no initial one; "
@@ -313,6 +305,38 @@ class _Compiler:
             )
             return None
         return edge
+
+    def _misuse(self, reader: _Node, node: _Node, source: Source) -> str | None:
+        """Say what is wrong with the way in which a source is read, if anything."""
+        plain = f"{source.step}.{source.port}"
+        word = "delayed" if source.delay_ns else source.reading
+        if reader.name == COMMAND and word not in ("now", "first"):
+            return f"a command takes the value of its tick, so `{word}` cannot stand here; write `{plain}`"
+        if reader.repeat is not None and reader.repeat == node.repeat and word in ("delayed", "sum", "mean"):
+            return (
+                f"`{source.step}` is in the same repeat, all at one time, so `{word}` cannot be meant; "
+                f"write `{plain}` or `previous {plain}`"
+            )
+        if source.delay_ns % self.clock.tick_ns:
+            return (
+                f"a delay of {source.delay_ns / 1e6:g} ms is not a multiple of the tick "
+                f"of {self.clock.tick_ns / 1e6:g} ms"
+            )
+        if word == "first" and node.repeat is None:
+            return f"`first` reads the first iteration of a repeat, and `{source.step}` is in none; leave it out"
+        if word in ("last", "sum", "mean") and node.period > reader.period:
+            return f"`{source.step}` runs less often than its reader, which sees its value held; write `{plain}`"
+        if word in ("now", "last", "sum", "mean") and reader.period % node.period and node.period < reader.period:
+            return (
+                f"the period of `{source.step}` does not divide that of its reader; choose periods that do, "
+                f"or read `previous {plain}`"
+            )
+        if word == "now" and node.period < reader.period and node.name != BODY:
+            return (
+                f"`{source.step}` runs {reader.period // node.period} times as often as its reader; "
+                f"say which value is meant: `last {plain}`, `sum {plain}` or `mean {plain}`"
+            )
+        return None
 
     def _check_order(self) -> None:
         """Report every step that reads, in the same tick, what runs after it."""
@@ -344,6 +368,18 @@ class _Compiler:
                 seen.add(source)
                 stack.append([*chain, source])
         return None
+
+
+def _check_port(name: str, port: Port) -> None:
+    """Raise a ValueError for a unit that does not exist, and for an initial value that its code cannot say."""
+    same_unit(port.unit, port.unit)
+    code = port.code
+    for value in port.initial or ():
+        if code is not None and not code.lo <= value <= code.hi:
+            raise ValueError(
+                f"the port `{name}` starts at {value:g} {port.unit}, outside the range {code.lo:g}..{code.hi:g} of its "
+                "code; widen the range or start within it"
+            )
 
 
 def _describe(port: Port) -> str:

@@ -8,6 +8,7 @@ from neurorobo.clock import Clock
 from neurorobo.regions import Port
 
 StatePolicy = Literal["commit", "fork", "fresh"]
+Iteration = Literal["every", "first", "last"]
 Reduction = Literal["newest", "sum", "mean"]
 
 
@@ -16,8 +17,8 @@ class Edge:
     """A connection from a source to one input, and the buffer that belongs to it.
 
     The source pushes each new value, converted to the reader's form; the reader takes the value ``offset(tick)``
-    places behind the newest. ``length`` values are kept, all of them ``initial`` at the start. All counts of time are
-    in ticks.
+    places behind the newest. ``length`` values are kept, all of them ``initial`` at the start. A source in a repeat
+    pushes in the iteration that ``iteration`` says. All counts of time are in ticks.
     """
 
     reader: str
@@ -35,7 +36,7 @@ class Edge:
     skip_this_tick: bool = False
     delay: int = 0
     reduction: Reduction = "newest"
-    first_iteration_only: bool = False
+    iteration: Iteration = "every"
     iterations_back: int = 0
     restarts_in_repeat: bool = False
 

@@ -5,7 +5,7 @@ and in a repeat ``body.force then imagine.forecast``.
 """
 
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, cast, get_args
 
 from neurorobo.errors import NeuroroboError
@@ -13,7 +13,10 @@ from neurorobo.units import parse_duration_ns
 
 Reading = Literal["now", "previous", "first", "last", "sum", "mean"]
 
-_GRAMMAR = "`[previous | first | last | sum | mean] step.port [delayed <duration>] [then step.port]`"
+_GRAMMAR = (
+    "`step.port`, `previous | first | last | sum | mean step.port` or `step.port delayed <duration>`, "
+    "and after it, in a repeat, `then step.port`"
+)
 _SOURCE = re.compile(r"(?:(\w+)\s+)?([A-Za-z]\w*)\.([A-Za-z]\w*)(?:\s+delayed\s+(.+))?")
 
 
@@ -44,7 +47,14 @@ def parse_reference(text: str) -> Reference:
     parts = [part.strip() for part in re.split(r"\bthen\b", text)]
     if len(parts) > 2:
         raise NeuroroboError(f"'{text}' says `then` more than once; write {_GRAMMAR}")
-    return Reference(*(_parse_source(part) for part in parts))
+    reference = Reference(*(_parse_source(part) for part in parts))
+    then = reference.then
+    if then is not None and parts[1] != str(replace(then, reading="now")):
+        raise NeuroroboError(
+            f"'{text}' has more than a step and a port after `then`, which always reads the iteration before; "
+            f"write `then {then.step}.{then.port}`"
+        )
+    return reference
 
 
 def _parse_source(text: str) -> Source:
@@ -55,4 +65,9 @@ def _parse_source(text: str) -> Source:
     words = [word for word in get_args(Reading) if word != "now"]
     if reading is not None and reading not in words:
         raise NeuroroboError(f"'{reading}' is not a way to read {step}.{port}; allowed: {', '.join(words)}")
+    if reading is not None and delay is not None:
+        raise NeuroroboError(
+            f"'{text}' says both `{reading}` and `delayed`; write `{reading} {step}.{port}` or "
+            f"`{step}.{port} delayed {delay}`"
+        )
     return Source(step, port, cast(Reading, reading or "now"), 0 if delay is None else parse_duration_ns(delay))

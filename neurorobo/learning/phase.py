@@ -1,14 +1,16 @@
-"""The configuration of a supervised phase, and of the data it draws."""
+"""The configuration of training phases: what all have in common, and the supervised one with the data it draws."""
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
+from neurorobo.clock import Clock
 from neurorobo.errors import ConfigError, Fault, did_you_mean
+from neurorobo.regions.config import RegionConfig
 from neurorobo.regions.port import Port
-from neurorobo.units import UnitError, parse_quantity
+from neurorobo.units import UnitError, parse_quantity, same_unit
 
 _FALL: Mapping[str, Callable[[float], float]] = {
     "constant": lambda done: 1.0,
@@ -52,16 +54,50 @@ class Unroll(BaseModel):
     discount: float = Field(default=1.0, gt=0, le=1)
 
 
-class SupervisePhase(BaseModel):
+LARGEST_SEED = 2**63 - 1
+
+
+class Phase(BaseModel):
+    """Base of the configuration of a training phase, of whatever rule; it must not import torch.
+
+    ``implementation`` names what trains, as ``"package.module:function"``: it is called with the keywords ``region``,
+    ``phase``, ``generator``, ``report`` (of :class:`neurorobo.learning.supervise.Progress`), ``checkpoints``
+    (:class:`neurorobo.learning.supervise.Checkpoints`, to use or not), and one for each of ``parts``, and trains the
+    region in place. ``parts`` are the fields that name something to be built: a region or a source of data.
+    ``examination`` names a function of ``region``, ``phase``, ``generator`` and the parts, which returns what
+    ``training.json`` is to say of the trained region.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    implementation: ClassVar[str]
+    examination: ClassVar[str | None] = None
+    parts: ClassVar[Mapping[str, Literal["region", "data"]]] = {}
+
+    phase: str
+    region: str
+    seed: int = Field(default=0, ge=0, le=LARGEST_SEED)
+
+    def check(
+        self, inputs: Mapping[str, Port], outputs: Mapping[str, Port], clock: Clock, parts: Mapping[str, BaseModel]
+    ) -> None:
+        """Raise a ConfigError with all that does not fit a region of these ports; ``parts`` are configurations."""
+
+    def check_groups(self, groups: Collection[str]) -> None:
+        """Raise a ConfigError if the phase does not fit a region of these parameter groups, known once it is built."""
+
+
+class SupervisePhase(Phase):
     """Train a region to do what its teacher does, by back-propagation through time with surrogate gradients (STBP).
 
     Source: Eq. 9 and 10 of Xing et al. for the loss and the unrolling, Wu et al. 2018 for the gradients.
     """
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    implementation: ClassVar[str] = "neurorobo.learning.supervise:supervise"
+    examination: ClassVar[str | None] = "neurorobo.learning.supervise:examine"
+    parts: ClassVar[Mapping[str, Literal["region", "data"]]] = {"teacher": "region", "data": "data"}
 
     phase: Literal["supervise"] = "supervise"
-    region: str
     teacher: str | dict[str, Any] = Field(description="A region with numeric ports, which gives the desired outputs.")
     data: str | dict[str, Any] = Field(description="Where the inputs of both come from.")
     loss: dict[str, Annotated[str, BeforeValidator(_as_text)]] = Field(
@@ -83,10 +119,38 @@ class SupervisePhase(BaseModel):
     precision: Literal["bf16", "float32"] = Field(
         default="float32", description="The products of spikes and weights while training; sums are always float32."
     )
-    seed: int = Field(default=0, ge=0)
 
-    def check(self, inputs: Mapping[str, Port], outputs: Mapping[str, Port]) -> None:
+    def check(
+        self, inputs: Mapping[str, Port], outputs: Mapping[str, Port], clock: Clock, parts: Mapping[str, BaseModel]
+    ) -> None:
+        """Raise a ConfigError with all that does not fit a region of these ports and its teacher."""
+        faults = [*self._port_faults(inputs, outputs)]
+        teacher = parts["teacher"]
+        assert isinstance(teacher, RegionConfig)
+        try:
+            faults += self._teacher_faults(inputs, outputs, teacher, clock)
+        except ConfigError as error:  # it has no such ports with this clock
+            faults += error.under("teacher").faults
+        if faults:
+            raise ConfigError(faults)
+
+    def check_groups(self, groups: Collection[str]) -> None:
+        """Raise a ConfigError if the phase names groups that there are not."""
+        faults = [
+            Fault((key, index), f"`{self.region}` has no parameter group `{name}`{did_you_mean(name, groups)}")
+            for key, names in (("train", self.train or ()), ("freeze", self.freeze))
+            for index, name in enumerate(names)
+            if name not in groups
+        ]
+        if faults:
+            raise ConfigError(faults)
+
+    def check_ports(self, inputs: Mapping[str, Port], outputs: Mapping[str, Port]) -> None:
         """Raise a ConfigError with all that does not fit a region of these ports."""
+        if faults := self._port_faults(inputs, outputs):
+            raise ConfigError(faults)
+
+    def _port_faults(self, inputs: Mapping[str, Port], outputs: Mapping[str, Port]) -> list[Fault]:
         faults = [*self._loss_faults(outputs)]
         for target, source in self.unroll.feedback.items():
             path = ("unroll", "feedback", target)
@@ -96,8 +160,33 @@ class SupervisePhase(BaseModel):
                 faults.append(Fault(path, f"`{self.region}` has no output `{source}`{did_you_mean(source, outputs)}"))
             elif (inputs[target].unit, inputs[target].width) != (outputs[source].unit, outputs[source].width):
                 faults.append(Fault(path, f"input `{target}` and output `{source}` differ in unit or width"))
-        if faults:
-            raise ConfigError(faults)
+        return faults
+
+    def _teacher_faults(
+        self, inputs: Mapping[str, Port], outputs: Mapping[str, Port], teacher: RegionConfig, clock: Clock
+    ) -> Iterator[Fault]:
+        """Yield what the teacher cannot say, or cannot be told."""
+        if teacher.weights is not None:
+            yield Fault(
+                ("teacher", "weights"), "a teacher is built without weights; take a region of numbers, without this key"
+            )
+        told, says = teacher.inputs(clock), teacher.outputs(clock)
+        # The outputs that are taught and those fed back, each at the place that asks for it.
+        asked: dict[tuple[str, ...], str] = {("loss", name): name for name in self.loss}
+        asked |= {("unroll", "feedback", target): source for target, source in self.unroll.feedback.items()}
+        for path, name in asked.items():
+            if name in outputs and name not in says:
+                yield Fault(path, f"the teacher `{teacher.type}` has no output `{name}`{did_you_mean(name, says)}")
+            elif name in outputs and (difference := _difference(says[name], outputs[name])):
+                yield Fault(path, f"the output `{name}` of the teacher `{teacher.type}` {difference}")
+        for name, port in told.items():
+            if name in inputs and (difference := _difference(port, inputs[name])):
+                yield Fault(("teacher",), f"the input `{name}` of the teacher `{teacher.type}` {difference}")
+            elif name not in inputs and port.initial is None:
+                known = did_you_mean(name, inputs)
+                yield Fault(
+                    ("teacher",), f"`{teacher.type}` reads `{name}`, which `{self.region}` has no input for{known}"
+                )
 
     def unit_errors(self, outputs: Mapping[str, Port]) -> dict[str, float]:
         """Return the error that counts as one for each taught output, in the unit of its port."""
@@ -122,3 +211,12 @@ class SupervisePhase(BaseModel):
             except UnitError as error:
                 faults.append(Fault(path, str(error)))
         return faults
+
+
+def _difference(teachers: Port, pupils: Port) -> str:
+    """Return what keeps a port of the teacher from standing for that of its pupil, or nothing."""
+    if teachers.code is not None:
+        return "carries spikes, not numbers; take a teacher that computes with numbers"
+    if not same_unit(teachers.unit, pupils.unit) or teachers.width != pupils.width:
+        return f"is {teachers.width} x {teachers.unit}, that of its pupil {pupils.width} x {pupils.unit}"
+    return ""

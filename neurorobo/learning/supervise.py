@@ -73,11 +73,12 @@ def supervise(
 ) -> None:
     """Train ``region`` in place; ``generator`` draws the data.
 
-    With ``checkpoints`` an interrupted phase goes on where it stopped, to the very same weights; the file is removed
-    at the end. Ctrl-C ends the step, writes the checkpoint and raises KeyboardInterrupt. Raises ConfigError if the
-    phase does not fit the region, NeuroroboError if the data or a checkpoint do not.
+    With ``checkpoints`` an interrupted phase goes on where it stopped, to the very same weights; the file is the
+    caller's to remove, once the weights are safe. Ctrl-C ends the step, writes the checkpoint and raises
+    KeyboardInterrupt. Raises ConfigError if the phase does not fit the region, NeuroroboError if the data or a
+    checkpoint do not.
     """
-    phase.check(region.input_ports, region.output_ports)
+    phase.check_ports(region.input_ports, region.output_ports)
     lesson = _Lesson(region, teacher, phase.unroll, phase.unit_errors(region.output_ports))
     with _trainable(region, phase) as parameters, _deferred_interrupt() as interrupted, _products(phase.precision):
         optimiser = torch.optim.Adam(_by_fan_in(parameters.values()), betas=(0.9, 0.99), fused=True)
@@ -101,8 +102,20 @@ def supervise(
                 saved_at = time.monotonic()
             if interrupted.is_set():
                 raise KeyboardInterrupt
-    if checkpoints is not None:
-        checkpoints.file.unlink(missing_ok=True)
+
+
+def examine(
+    region: Region, teacher: Region, data: Data, phase: SupervisePhase, generator: torch.Generator
+) -> dict[str, Any]:
+    """Return how far a trained region is from its teacher on what its phase teaches, ready for JSON."""
+    return plain(evaluate(region, teacher, data, generator, outputs=phase.loss, unroll=phase.unroll))
+
+
+def plain(evaluation: Evaluation) -> dict[str, Any]:
+    """Return an evaluation as what JSON can hold."""
+    tables = {"rms": evaluation.rms, "largest": evaluation.largest, "bias": evaluation.bias}
+    figures = {name: {port: error.tolist() for port, error in table.items()} for name, table in tables.items()}
+    return {**figures, "firing_rates": dict(evaluation.rates)}
 
 
 @torch.no_grad()
@@ -228,11 +241,9 @@ def _by_fan_in(parameters: Iterable[nn.Parameter]) -> list[dict[str, Any]]:
 def _trainable(region: Region, phase: SupervisePhase) -> Iterator[dict[str, nn.Parameter]]:
     """Let gradients flow into the parameters that the phase trains, and into no others; yield them by name."""
     groups = region.parameter_groups()
-    chosen = list(groups) if phase.train is None else list(phase.train)
-    for name in (*chosen, *phase.freeze):
-        if name not in groups:
-            raise NeuroroboError(f"`{phase.region}` has no parameter group `{name}`{did_you_mean(name, groups)}")
-    wanted = {id(p) for name in chosen if name not in phase.freeze for p in groups[name].parameters()}
+    phase.check_groups(groups)
+    chosen = groups if phase.train is None else phase.train
+    wanted = {id(p) for name in chosen for p in groups[name].parameters()}
     wanted -= {id(p) for name in phase.freeze for p in groups[name].parameters()}
     if not wanted:
         raise NeuroroboError(f"the phase freezes all it would train; there are: {', '.join(groups)}")

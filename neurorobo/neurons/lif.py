@@ -35,12 +35,24 @@ class LIF:
         if not self.threshold > 0:
             raise ValueError(f"the threshold must be positive, or a neuron fires at rest; got {self.threshold}")
 
+    def at_rest(self, batch: int, neurons: int) -> "Tensor":
+        """Return the resting potentials (batch, neurons)."""
+        import torch
+
+        return torch.zeros(batch, neurons)
+
     def step(self, current: "Tensor", potential: "Tensor") -> "tuple[Tensor, Tensor]":
-        """Advance one step: ``(current, previous potential) -> (spikes 0/1, potential)``, any shape."""
-        potential = current + self.decay * potential * (potential < self.threshold)
+        """Advance one step: ``(current, previous potential) -> (spikes 0/1, potential)``, any shape.
+
+        Layers run whole windows at once instead, see :func:`neurorobo.engine.run_window`.
+        """
+        fired = self.surrogate.fire(potential - self.threshold)
+        if self.reset_gradient == "detached":
+            fired = fired.detach()
+        potential = current + self.decay * potential * (1 - fired)
         if self.rectify:
             potential = potential.relu()
-        return (potential >= self.threshold).to(current.dtype), potential
+        return self.surrogate.fire(potential - self.threshold), potential
 
 
 def spiking_neural_unit(

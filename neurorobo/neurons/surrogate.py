@@ -29,6 +29,14 @@ class Surrogate:
         if not self.width > 0:
             raise ValueError(f"a surrogate needs a positive width, got {self.width}")
 
+    def fire(self, distance: "Tensor") -> "Tensor":
+        """Return the spikes 0/1 of neurons at ``distance`` = potential - threshold (any shape, finite).
+
+        On the way back, the step's derivative is the surrogate's.
+        """
+        slope = self.derivative(distance.detach()) * distance
+        return (distance >= 0).to(distance.dtype) + (slope - slope.detach())
+
     def derivative(self, distance: "Tensor") -> "Tensor":
         """Return the surrogate derivative at ``distance`` = potential - threshold (any shape)."""
         half = self.width / 2

@@ -9,6 +9,32 @@ def neurorobo_register(registry: Registrar) -> None:
     """Register the types of the core under the prefix ``core``."""
     registry.add("region", "core.sum", "neurorobo.regions.sum_config:SumConfig", "adds two quantities of one unit")
     registry.add(
+        "region",
+        "core.feedforward",
+        "neurorobo.regions.feedforward_config:FeedforwardConfig",
+        "spiking layers from any inputs to any outputs, of any neuron and code",
+    )
+    registry.add("neuron", "core.lif", "neurorobo.neurons.config:LIFConfig", "leaky integrate-and-fire, iterative")
+    registry.add(
+        "neuron",
+        "core.spiking_neural_unit",
+        "neurorobo.neurons.config:SpikingNeuralUnitConfig",
+        "integrate-and-fire whose potential is rectified",
+    )
+    registry.add(
+        "code",
+        "core.population_uniform",
+        "neurorobo.codes.config:PopulationUniformConfig",
+        "spikes spread evenly over neurons and steps",
+    )
+    registry.add("code", "core.poisson", "neurorobo.codes.config:PoissonConfig", "independent random spikes")
+    registry.add(
+        "code",
+        "core.time_to_first_spike",
+        "neurorobo.codes.config:TimeToFirstSpikeConfig",
+        "one spike of each neuron, the earlier the larger the value",
+    )
+    registry.add(
         "rule",
         "core.supervise",
         "neurorobo.learning.phase:SupervisePhase",

@@ -13,6 +13,7 @@ from pluggy import PluginManager
 import neurorobo
 from neurorobo.errors import NeuroroboError, did_you_mean
 from neurorobo.plugins import hookspec
+from neurorobo.plugins.imports import described, import_target
 
 GROUP = "neurorobo.plugins"
 """The entry point group; the name of an entry point is the prefix of all that its plugin registers."""
@@ -94,13 +95,11 @@ class Registry:
     def get(self, kind: Kind, name: str) -> Any:
         """Return the type of that name, imported; a NeuroroboError tells what is wrong with the name or its plugin."""
         entry = self.entry(kind, name)
-        module, _, attribute = entry.target.partition(":")
         try:
-            return getattr(importlib.import_module(module), attribute)
-        except (Exception, SystemExit) as error:
+            return import_target(entry.target)
+        except NeuroroboError as error:
             plugin = self._plugins[entry.name.partition(".")[0]]
-            fault = f"failed to import `{entry.target}`: {_describe(error)}"
-            raise NeuroroboError(f"`{entry.name}` belongs to the plugin {plugin}, which {fault}") from error
+            raise NeuroroboError(f"`{entry.name}` belongs to the plugin {plugin}: {error}") from error
 
     def entry(self, kind: Kind, name: str) -> Entry:
         """Return what is registered under that name without importing its target; a NeuroroboError as for `get`."""
@@ -145,7 +144,7 @@ class Registry:
                 except Exception as error:
                     failures.append((plugin, error))
         if failures:
-            lines = (f"the plugin {plugin} failed in `{hook}`: {_describe(error)}" for plugin, error in failures)
+            lines = (f"the plugin {plugin} failed in `{hook}`: {described(error)}" for plugin, error in failures)
             raise NeuroroboError("\n".join(lines)) from failures[0][1]
 
     def _add(self, prefix: str, distribution: str, version: str, find: Callable[[], object]) -> None:
@@ -202,7 +201,7 @@ class _Plugin:
         try:
             plugin = self.find()
         except (Exception, SystemExit) as error:
-            self.break_off(f"failed to import: {_describe(error)}")
+            self.break_off(f"failed to import: {described(error)}")
             return
         try:
             self.manager.register(plugin)
@@ -213,7 +212,7 @@ class _Plugin:
                 )
             self.manager.hook.neurorobo_register(registry=self)
         except (Exception, SystemExit) as error:
-            self.break_off(f"failed to register: {_describe(error)}")
+            self.break_off(f"failed to register: {described(error)}")
             return
         self.status = "loaded"
 
@@ -246,7 +245,3 @@ class _Plugin:
 
 def _why_not(prefix: str) -> str:
     return "the name is taken" if _PREFIX.fullmatch(prefix) else "a prefix is of lower case letters, digits and _"
-
-
-def _describe(error: BaseException) -> str:
-    return str(error) if isinstance(error, NeuroroboError) else f"{type(error).__name__}: {error}"

@@ -8,6 +8,7 @@ import torch
 from torch import Tensor, nn
 
 from neurorobo.clock import Clock
+from neurorobo.engine import Layer
 from neurorobo.regions.config import RegionConfig
 from neurorobo.synapses import Projection
 
@@ -60,6 +61,7 @@ class Region(nn.Module, ABC):
 
 
 def constrain(region: Region) -> None:
-    """Bring the synapses of a region back to their allowed signs."""
-    for projection in region.projections():
-        projection.constrain()
+    """Bring the synapses of a region back to their allowed signs, and trained thresholds to their allowed range."""
+    for module in region.modules():
+        if isinstance(module, Projection | Layer):
+            module.constrain()

@@ -29,7 +29,9 @@ class Projection(nn.Module, ABC):
         """Return the weights as one matrix (targets, sources)."""
 
     def forward(self, spikes: Tensor) -> Tensor:
-        """Turn spikes (..., sources) into currents (..., targets)."""
+        """Turn spikes (..., sources) into currents (..., targets); a ValueError if there are more or fewer sources."""
+        if spikes.shape[-1] != self.sources:
+            raise ValueError(f"a projection of {self.sources} sources was given the spikes of {spikes.shape[-1]}")
         return functional.linear(spikes, self.matrix())
 
     @torch.no_grad()

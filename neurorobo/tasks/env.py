@@ -81,7 +81,7 @@ class TaskVectorEnv(VectorEnv[Observation, Observation, NDArray[Any]]):
                 info = self._add_info(info, final, i)
             self.body.reset([int(self._seeds[i].integers(2**31)) for i in ended], done)
             self.task.reset(self.num_envs, done)
-            self.supervisor.interventions[done] = 0
+            self.supervisor.reset(self.num_envs, done)
         return self._observation(), reward, terminated, truncated, info
 
     def close_extras(self, **kwargs: Any) -> None:

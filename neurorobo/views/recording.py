@@ -1,6 +1,5 @@
 """The recording of a run: its first episode as a file for the rerun viewer."""
 
-import importlib
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -13,6 +12,7 @@ from numpy.typing import NDArray
 from neurorobo.bodies import Array
 from neurorobo.experiment.recorder import Recorder, Sample, Setting
 from neurorobo.graph.plan import Plan
+from neurorobo.plugins.imports import import_target
 from neurorobo.units import format_duration
 
 if TYPE_CHECKING:
@@ -136,8 +136,7 @@ class RerunRecorder(Recorder):
         for name, actuator in task.body.actuators.items():
             self._labels[f"command/{name}"] = actuator.unit, actuator.description
         if task.scene is not None:
-            module, _, name = task.scene.partition(":")
-            self._scene = getattr(importlib.import_module(module), name)(setting)
+            self._scene = import_target(task.scene)(setting)
 
     def sample(self, sample: Sample) -> None:
         """Keep one tick of the first episode."""

@@ -116,3 +116,36 @@ def test_by_default_a_body_may_be_given_what_its_actuators_declare() -> None:
         "speed": ([-1.0], [1.0]),
         "nudge": ([-1.0, -1.0], [1.0, 1.0]),
     }
+
+
+def test_a_held_command_is_clamped_anew_at_every_call_and_an_increment_is_given_once(
+    body: NearTheEnd, supervisor: Supervisor
+) -> None:
+    advance(supervisor, [1.0, 0.5, 1.0], [[0.0, 0.1]] * 3)
+    speeds = []
+    for _ in range(3):
+        given = supervisor.advance({}, SECOND, np.ones(3, dtype=np.bool_))
+        assert set(given) == set(body.given) == {"speed"}
+        speeds.append(given["speed"][:, 0].tolist())
+    assert speeds == [[1.0, 0.5, 1.0], [0.5, 0.5, 0.5], [0.0, 0.5, 0.0]]
+    assert body.position[:, 0].tolist() == [2.5, 2.0, 2.5]
+    assert body.position[:, 1].tolist() == [0.1] * 3
+
+
+def test_a_held_command_counts_only_when_it_has_to_be_changed_further(supervisor: Supervisor) -> None:
+    counts = []
+    advance(supervisor, [9.0, 0.5, 0.5])
+    for _ in range(3):
+        counts.append(supervisor.interventions.tolist())
+        supervisor.advance({}, SECOND, np.ones(3, dtype=np.bool_))
+    assert counts == [[1, 0, 0], [1, 0, 0], [2, 0, 0]]  # clamped to 1.0, again to 1.0, then to 0.5
+
+
+def test_a_body_that_starts_again_is_not_given_its_old_command(body: NearTheEnd, supervisor: Supervisor) -> None:
+    advance(supervisor, [9.0, 9.0, 0.5])
+    again = np.array([True, False, False])
+    body.reset([4], again)
+    supervisor.reset(3, again)
+    assert supervisor.interventions.tolist() == [0, 1, 0]
+    assert supervisor.advance({}, SECOND, np.ones(3, dtype=np.bool_)) == {}
+    assert body.position[:, 0].tolist() == [0.0, 2.0, 1.0]

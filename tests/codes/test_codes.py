@@ -250,3 +250,10 @@ def test_coarse_fine_is_stochastic_if_a_part_is() -> None:
 def test_codes_that_make_no_sense_are_refused(build: Callable[[], object], words: str) -> None:
     with pytest.raises(ValueError, match=words):
         build()
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), -float("inf")])
+@pytest.mark.parametrize("code", [PopulationUniform(3, -2.0, 5.0), TimeToFirstSpike(3, -2.0, 5.0)])
+def test_a_value_that_is_not_finite_is_refused(code: Code, value: float) -> None:
+    with pytest.raises(ValueError, match=r"not finite cannot be encoded over -2\.\.5"):
+        code.encode(torch.tensor([[0.0, value]]), 10)

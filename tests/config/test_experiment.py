@@ -178,7 +178,7 @@ def test_overrides_are_validated_like_the_file(load: Load, faults: Faults) -> No
         ("zoo.cortex", "zoo.cortx", "9:12: regions.cortex.type: unknown region `zoo.cortx`; did you mean `zoo.cortex` or"),
         ("zoo.cortex", "zoo.rig", "9:12: regions.cortex.type: `zoo.rig` is a body, not a region"),
         ("type: zoo.cortex, ", "", "9:3: regions.cortex.type: is missing; it names the kind of region, of which there are: "),
-        ("zoo.cortex", "zoo.ghost", "9:12: regions.cortex.type: `zoo.ghost` belongs to the plugin zoo, which failed to import `no_such_module:Ghost`: ModuleNotFoundError: No module named 'no_such_module'"),
+        ("zoo.cortex", "zoo.ghost", "9:12: regions.cortex.type: `zoo.ghost` belongs to the plugin zoo: `no_such_module:Ghost` cannot be imported (ModuleNotFoundError: No module named 'no_such_module'); repair or reinstall the plugin that provides it"),
         ("zoo.cortex", "zoo.stone", "9:12: regions.cortex.type: `zoo.stone` is broken: "),
         ("task: zoo.reach", "task: 3", "7:1: task: must be a mapping with a `type`"),
         ("zoo.drill", "zoo.dril", "20:6: train.0.phase: unknown rule `zoo.dril`; did you mean `zoo.drill`?"),

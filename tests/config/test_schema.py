@@ -81,6 +81,8 @@ def holds(schema: Any, keyword: str, value: Any, root: Any) -> bool:
             return len(value) <= content
         case "minimum":
             return bool(value >= content)
+        case "maximum":
+            return bool(value <= content)
         case "exclusiveMinimum":
             return bool(value > content)
         case "exclusiveMaximum":

@@ -1,11 +1,13 @@
 """Layers: several projections onto one population, whose state is given and returned."""
 
+from typing import Any
+
 import pytest
 import torch
 from torch import Tensor
 
 from neurorobo.engine import Layer
-from neurorobo.neurons import LIF
+from neurorobo.neurons import LIF, Surrogate
 from neurorobo.regions.weights import to_grid
 from neurorobo.synapses import Dense, FanIn
 
@@ -103,6 +105,76 @@ def test_on_the_grid_the_order_of_summation_does_not_matter() -> None:
 def test_projections_that_disagree_on_the_size_are_refused(projections: list[Dense], recurrent: Dense | None) -> None:
     with pytest.raises(ValueError, match="must agree on its size"):
         Layer(projections, LIF(), recurrent)
+
+
+class Stepped(LIF):
+    """The same neuron, but as a model of its own: the layer steps it one by one."""
+
+
+@pytest.mark.parametrize("recurrent", [False, True])
+@pytest.mark.parametrize("neuron_settings", [{}, {"reset_gradient": "detached"}, {"rectify": True}])
+def test_any_neuron_runs_as_lif_neurons_do_forwards_and_backwards(
+    recurrent: bool, neuron_settings: dict[str, Any]
+) -> None:
+    found = []
+    for model in (LIF, Stepped):
+        neuron = model(decay=0.3, surrogate=Surrogate("arctan"), **neuron_settings)
+        own = Dense(5, 5, generator(1)) if recurrent else None
+        layer = Layer([Dense(6, 5, generator(), gain=2.0)], neuron, own)
+        fired, state = layer([spikes(4, 2, 6)], layer.at_rest(2))
+        more, state = layer([spikes(5, 2, 6, seed=2)], state)  # the state carries the last spikes too
+        (torch.cat([fired, more]) * torch.randn(9, 2, 5, generator=generator(3))).sum().backward()
+        found.append((torch.cat([fired, more]), state[:, :5], [weight.grad for weight in layer.parameters()]))
+    (fast, potential, gradients), (slow, their_potential, their_gradients) = found
+    assert torch.equal(fast, slow)
+    assert 0.1 < fast.mean() < 0.9
+    assert torch.allclose(potential, their_potential, atol=1e-6)
+    for gradient, theirs in zip(gradients, their_gradients, strict=True):
+        assert torch.allclose(gradient, theirs, rtol=1e-4, atol=1e-5)
+
+
+class Careless(LIF):
+    """Returns the spikes of one neuron too few."""
+
+    def step(self, current: Tensor, potential: Tensor) -> tuple[Tensor, Tensor]:
+        fired, potential = super().step(current, potential)
+        return fired[:, 1:], potential
+
+
+def test_a_neuron_that_returns_spikes_of_another_size_is_named() -> None:
+    layer = Layer([Dense(6, 5, generator())], Careless())
+    with pytest.raises(ValueError, match=r"Careless.step must return spikes of \(2, 5\).*not \(2, 4\)"):
+        layer([spikes(3, 2, 6)], layer.at_rest(2))
+
+
+def test_trained_thresholds_stay_positive() -> None:
+    layer = Layer([Dense(6, 3, generator())], LIF(), trainable_threshold=True)
+    assert layer.threshold is not None
+    weight = layer.projections[0].weight.clone()  # type: ignore[operator]
+    with torch.no_grad():
+        layer.threshold.copy_(torch.tensor([-0.3, 0.01, 0.4]))
+    layer.constrain()
+    assert layer.threshold.tolist() == pytest.approx([0.05, 0.05, 0.4])
+    assert torch.equal(layer.projections[0].weight, weight)
+
+
+@pytest.mark.parametrize(
+    ("neuron", "words"), [(Stepped(), "only thresholds of LIF neurons"), (LIF(threshold=0.01), "starts at 0.05")]
+)
+def test_thresholds_that_cannot_be_trained_are_refused(neuron: LIF, words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        Layer([Dense(6, 3, generator())], neuron, trainable_threshold=True)
+
+
+@pytest.mark.parametrize("model", [LIF, Stepped])
+def test_sizes_that_do_not_fit_are_refused_before_anything_is_broadcast(model: type[LIF]) -> None:
+    layer = Layer([Dense(3, 4, generator()), Dense(2, 4, generator())], model())
+    with pytest.raises(ValueError, match=r"agree in steps and batch, got \[\(5, 1\), \(5, 3\)\]"):
+        layer([spikes(5, 3, 3), spikes(5, 1, 2)], layer.at_rest(3))
+    with pytest.raises(ValueError, match="of 2 sources was given the spikes of 1"):
+        layer([spikes(5, 3, 3), spikes(5, 3, 1)], layer.at_rest(3))
+    with pytest.raises(ValueError, match=r"of a batch of 1, the current of 3|\(1, 4\).*the current of \(3, 4\)"):
+        layer([spikes(5, 3, 3), spikes(5, 3, 2)], layer.at_rest(1))
 
 
 def test_an_input_too_many_is_refused() -> None:

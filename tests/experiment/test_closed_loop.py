@@ -1,14 +1,17 @@
 """Brain, body and task in a closed loop, many episodes side by side."""
 
 from collections.abc import Sequence
+from contextlib import nullcontext
 
 import numpy as np
 import pytest
 
+from neurorobo.bodies import Array
+from neurorobo.errors import NeuroroboError
 from neurorobo.experiment.closed_loop import EpisodeResult, run_episodes
 from neurorobo.graph.brain import Brain
 from tests.experiment.toys import SECOND, NoisyConfig, Notes, brain
-from tests.tasks.toys import reach
+from tests.tasks.toys import Cart, CartConfig, Reach, ReachConfig, reach
 
 SEEDS = list(range(3, 11))
 
@@ -96,3 +99,55 @@ def test_progress_tells_the_tick_and_how_many_are_running() -> None:
     results = run_episodes(brain(), reach(0.8), SEEDS, progress=lambda tick, running: told.append((tick, running)))
     durations = np.array([result.metrics["duration_s"] for result in results])
     assert told == [(tick, (durations > tick).sum()) for tick in range(int(durations.max()))]
+
+
+@pytest.mark.parametrize("error", [None, KeyboardInterrupt, ZeroDivisionError])
+def test_the_body_stands_still_however_a_run_ends(error: type[BaseException] | None) -> None:
+    task = reach(0.0)
+
+    def progress(tick: int, running: int) -> None:
+        if error is not None and tick == 2:
+            assert task.body.speed.tolist() == [[1.0]]
+            raise error
+
+    with nullcontext() if error is None else pytest.raises(error):
+        run_episodes(brain(), task, [1], progress=progress)
+    assert task.body.stopped == 1
+    assert task.body.speed.tolist() == [[0.0]]
+
+
+class Failing(Cart):
+    """Its force sensor breaks, in all carts or those beyond a place."""
+
+    beyond = -np.inf
+
+    def read(self) -> dict[str, Array]:
+        sensed = super().read()
+        return {**sensed, "force": np.where(self.position[:, :1] >= self.beyond, np.nan, sensed["force"])}
+
+
+def test_a_sensor_that_is_no_number_ends_the_run() -> None:
+    task = Reach(ReachConfig(), Failing(CartConfig()))
+    with pytest.raises(NeuroroboError, match="the sensor `force` reports nan: the body was stopped"):
+        run_episodes(brain(), task, [1])
+    assert task.body.stopped == 1
+
+
+def test_a_sensor_may_fail_in_an_episode_that_has_ended() -> None:
+    body = Failing(CartConfig(noise=0.8))
+    body.beyond = ReachConfig().goal_um
+    results = run_episodes(brain(), Reach(ReachConfig(), body), SEEDS)
+    assert len({result.metrics["duration_s"] for result in results}) > 1
+
+
+def test_saturations_are_the_components_out_of_range_while_an_episode_runs() -> None:
+    notes = Notes()
+    results = run_episodes(brain(), reach(0.8), SEEDS, recorders=[notes])
+    wanted = np.zeros(len(SEEDS))
+    for sample in notes.samples:
+        outside = (np.abs(sample.observation["force"]) > 1.0).sum(axis=1)  # the range of the watcher's code
+        wanted += np.where(sample.running, outside, 0)
+    assert (wanted.any() and not wanted.all()) or len(set(wanted)) > 1
+    assert [dict(result.saturations) for result in results] == [
+        {"watch.force": int(count)} if count else {} for count in wanted
+    ]

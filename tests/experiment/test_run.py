@@ -7,14 +7,16 @@ from pathlib import Path
 
 import pyarrow.parquet
 import pytest
+import torch
 
 from neurorobo.config.experiment import load_experiment
 from neurorobo.errors import ConfigError, NeuroroboError
 from neurorobo.experiment import run as run_module
+from neurorobo.experiment.build import build_brain
 from neurorobo.experiment.run import FinishedRun, run_experiment
 from neurorobo.experiment.run_folder import RunFolder, new_folder_path
 from neurorobo.regions.weights import save_weights
-from tests.experiment.toys import CART, registry
+from tests.experiment.toys import CART, Notes, registry
 from tests.regions.toys import net
 
 
@@ -47,6 +49,8 @@ def test_a_finished_run_says_what_was_run_and_what_came_of_it(tmp_path: Path) ->
         "error_um",
         "command_interventions",
         "firing_rate.watcher",
+        "saturations",
+        "saturations.watch.force",
     }
     assert (folder.path / "config.yaml").read_text() == CART
     assert [file.name for file in finished.files] == ["trajectory.parquet"]
@@ -105,7 +109,7 @@ def test_more_episodes_than_fit_in_a_batch_follow_in_another(tmp_path: Path, mon
     (tmp_path / "once").mkdir()
     at_once = run(tmp_path / "once", seeds=(3, 4, 5))
     assert in_two.summary == at_once.summary
-    assert set(table(tmp_path)["seed"].to_pylist()) == {3, 4}  # the first batch is recorded
+    assert table(tmp_path).equals(table(tmp_path / "once"))
 
 
 @pytest.mark.parametrize(
@@ -152,7 +156,7 @@ record: [trajectory]
 """
     finished = run(tmp_path, seeds=(0,), text=text)
     assert table(tmp_path)["tick"].to_pylist() == [0, 1, 2, 3, 4]
-    assert set(finished.summary["aggregate"]) == {"firing_rate.watcher"}
+    assert set(finished.summary["aggregate"]) == {"firing_rate.watcher", "saturations"}
 
 
 def test_a_spoilt_summary_is_named(tmp_path: Path) -> None:
@@ -190,3 +194,68 @@ def test_the_summary_is_plain_json(tmp_path: Path) -> None:
     text = (tmp_path / "out" / "summary.json").read_text()
     assert json.loads(text)["aggregate"]["success"] == {"mean": 1.0, "standard_error": None, "worst": 1.0}
     assert "NaN" not in text
+
+
+class Greedy(Notes):
+    """Cannot write its file."""
+
+    def finish(self) -> Path | None:
+        raise OSError("no space left")
+
+
+def test_a_recorder_that_cannot_write_leaves_the_figures_and_the_others_files(tmp_path: Path) -> None:
+    with pytest.raises(OSError, match="no space left"):
+        run(tmp_path, record=["toy.greedy", "trajectory"])
+    folder = RunFolder(tmp_path / "out")
+    assert folder.run()["status"] == "failed"
+    assert set(folder.summary()["aggregate"]) > {"success"}
+    assert table(tmp_path).num_rows > 0
+
+
+def test_a_recorder_that_fails_last_does_not_hide_why_the_run_did(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(ZeroDivisionError):
+        run(tmp_path, record=["toy.greedy", "toy.clumsy", "trajectory"])
+    assert "a recorder failed too: OSError('no space left')" in capsys.readouterr().err
+    assert RunFolder(tmp_path / "out").run()["status"] == "failed"
+    assert table(tmp_path).num_rows > 0
+
+
+def test_a_run_whose_recorder_cannot_be_made_does_not_stay_running(tmp_path: Path) -> None:
+    with pytest.raises(NeuroroboError, match=r"unknown recorder `toy.tape`"):
+        run(tmp_path, record=["toy.tape"])
+    assert RunFolder(tmp_path / "out").run()["status"] == "failed"
+
+
+def test_weights_of_a_region_that_no_step_uses_are_not_needed(tmp_path: Path) -> None:
+    spare = "  spare: {type: toy.net, weights: nowhere.safetensors}\nsteps:"
+    run(tmp_path, text=CART.replace("steps:", spare))
+    assert RunFolder(tmp_path / "out").run()["weights_sha256"] == {}
+
+
+@pytest.mark.parametrize(
+    "content", ["{}", "[]", '{"episodes": [], "aggregate": {"success": 1}}', '{"episodes": 1, "aggregate": {}}']
+)
+def test_what_is_no_summary_is_refused(tmp_path: Path, content: str) -> None:
+    (tmp_path / "summary.json").write_text(content)
+    with pytest.raises(NeuroroboError, match=r"summary.json .*; run the experiment again"):
+        RunFolder(tmp_path).summary()
+
+
+def test_regions_of_one_type_get_fresh_weights_of_their_own_and_equal_seeds_equal_ones(tmp_path: Path) -> None:
+    file = tmp_path / "cart.yaml"
+    file.write_text(
+        CART.replace("steps:", "  other: {type: toy.net}\nsteps:").replace(
+            "command:", "  - see: {use: other, force: body.force}\ncommand:"
+        )
+    )
+    experiment = load_experiment(file, (), registry())
+    first, again = build_brain(experiment), build_brain(experiment)
+    weights = [
+        torch.cat([p.detach().flatten() for p in brain.region(name).parameters()])
+        for brain in (first, again)
+        for name in ("watcher", "other")
+    ]
+    assert torch.equal(weights[0], weights[2]) and torch.equal(weights[1], weights[3])
+    assert not torch.equal(weights[0], weights[1])

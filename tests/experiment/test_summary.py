@@ -21,7 +21,7 @@ def test_mean_standard_error_and_worst(episodes: list[tuple[float, float, float]
     assert [episode["seed"] for episode in summary["episodes"]] == list(range(len(episodes)))
     assert [episode["firing_rate.cortex"] for episode in summary["episodes"]] == [rate for *_, rate in episodes]
     columns = dict(zip(("force_mN", "score", "firing_rate.cortex"), np.transpose(episodes), strict=True))
-    assert summary["aggregate"].keys() == columns.keys()
+    assert summary["aggregate"].keys() == {*columns, "saturations"}
     for name, values in columns.items():
         figure = summary["aggregate"][name]
         assert figure["mean"] == pytest.approx(values.mean(), rel=1e-9, abs=1e-6)
@@ -32,8 +32,15 @@ def test_mean_standard_error_and_worst(episodes: list[tuple[float, float, float]
 
 def test_the_standard_error_of_one_episode_is_not_known() -> None:
     summary = summarise([EpisodeResult(4, {"force_mN": 2.0}, {})], ())
-    assert summary["aggregate"] == {"force_mN": {"mean": 2.0, "standard_error": None, "worst": 2.0}}
+    assert summary["aggregate"]["force_mN"] == {"mean": 2.0, "standard_error": None, "worst": 2.0}
 
 
 def test_nothing_is_summarised_as_nothing() -> None:
     assert summarise([], ()) == {"episodes": [], "aggregate": {}}
+
+
+def test_an_input_is_listed_for_every_episode_if_it_saturated_in_any() -> None:
+    results = [EpisodeResult(1, {}, {}, {"plan.force": 3, "move.speed": 1}), EpisodeResult(2, {}, {})]
+    first, second = summarise(results, ())["episodes"]
+    assert first == {"seed": 1, "saturations": 4, "saturations.move.speed": 1, "saturations.plan.force": 3}
+    assert second == {"seed": 2, "saturations": 0, "saturations.move.speed": 0, "saturations.plan.force": 0}

@@ -135,6 +135,7 @@ class Plugin:
         registry.add("body", "toy.cart", "tests.tasks.toys:CartConfig")
         registry.add("task", "toy.reach", "tests.tasks.toys:ReachConfig")
         registry.add("recorder", "toy.impatient", "tests.experiment.toys:Impatient")
+        registry.add("recorder", "toy.greedy", "tests.experiment.test_run:Greedy")
         registry.add("recorder", "toy.clumsy", "tests.experiment.toys:Clumsy")
 
 

@@ -7,6 +7,7 @@ import torch
 
 from neurorobo.bodies import Sensor
 from neurorobo.clock import Clock
+from neurorobo.errors import NeuroroboError
 from neurorobo.graph.brain import Brain, BrainState
 from neurorobo.graph.compile import compile_graph
 from neurorobo.graph.spec import RepeatSpec, StepSpec
@@ -43,6 +44,9 @@ class Listener:
 
     def probe(self, use):  # type: ignore[no-untyped-def]
         return None
+
+    def saturated(self, edge, count):  # type: ignore[no-untyped-def]
+        pass
 
 
 def run(
@@ -225,6 +229,81 @@ def test_an_unwired_spiking_input_carries_its_initial_value() -> None:
     assert commands["push"].flatten().tolist() == [10.0] * 3
 
 
+def test_what_leaves_a_repeat_counts_once_per_period() -> None:
+    brain = brain_of(
+        {"add": AddConfig(), "plain": AddConfig(amount=0.0)},
+        [
+            RepeatSpec(3, (StepSpec("imagine", "add", every="fast", inputs={"a": "body.force then imagine.sum"}),)),
+            StepSpec("before", "plain", every="fast", inputs={"a": "previous imagine.sum"}),
+            StepSpec("delayed", "plain", every="fast", inputs={"a": "imagine.sum delayed 500 ms"}),
+            StepSpec("mean", "plain", inputs={"a": "mean imagine.sum"}),
+        ],
+    )
+    seen, _ = run(brain, [10, 20, 30, 40, 50])
+    assert values(seen, "before") == [0, 13, 23, 33, 43]
+    assert values(seen, "delayed") == [0, 0, 13, 23, 33]
+    assert values(seen, "mean") == [13, 38]
+
+
+@pytest.mark.parametrize("carry", ["repeat", "always"])
+def test_imagination_leaves_no_trace_in_the_same_repeat(carry: str) -> None:
+    steps = (
+        StepSpec("imagine", "count", state="fork"),
+        StepSpec("wonder", "count", state="fork"),
+        StepSpec("look", "count", state="fresh"),
+        StepSpec("act", "count"),
+    )
+    brain = brain_of({"count": CountConfig(carry=carry)}, [RepeatSpec(3, steps)])  # type: ignore[arg-type]
+    seen, _ = run(brain, [0])
+    assert values(seen, "imagine") == values(seen, "wonder") == values(seen, "act") == [1, 2, 3]
+    assert values(seen, "look") == [1, 1, 1]
+
+
+@pytest.mark.parametrize(("rule", "expected"), [("sum", [10.0, 140.0]), ("mean", [10.0, 35.0])])
+def test_nothing_is_added_up_that_was_never_said(rule: str, expected: list[float]) -> None:
+    regions = {"plain": AddConfig(amount=0.0)}
+    brain = brain_of(regions, [StepSpec("slow", "plain", inputs={"a": f"{rule} body.force"})])
+    seen, _ = run(brain, [10, 20, 30, 40, 50])
+    assert values(seen, "slow") == expected
+
+
+@pytest.mark.parametrize("name", ["train", "type", "keys", "pop", "float", "regions"])
+def test_a_region_may_have_any_name(name: str) -> None:
+    seen, _ = run(brain_of({name: CountConfig(carry="always")}, [StepSpec("x", name)]), [0] * 5)
+    assert values(seen, "x") == [1, 2]
+
+
+def test_a_region_without_state_survives_a_checkpoint() -> None:
+    brain = brain_of({"add": AddConfig(carry="always")}, [StepSpec("x", "add", every="fast")])
+    _, state = run(brain, [0])
+    seen, _ = run(brain, [0], BrainState.from_tensors(state.tensors()))
+    assert values(seen, "x") == [1]
+
+
+def test_an_observation_that_does_not_fit_is_refused() -> None:
+    brain = brain_of({"add": AddConfig()}, [StepSpec("x", "add", inputs={"a": "body.force"})])
+    state = brain.init_state([0, 0])
+    with pytest.raises(NeuroroboError, match=r"sensor `force` gives the shape \(3, 1\).*need \(2, 1\)"):
+        brain.tick({"force": torch.zeros(3, 1)}, state)
+    with pytest.raises(NeuroroboError, match="lacks the sensor `force`, which `x` reads"):
+        brain.tick({}, state)
+
+
+def test_what_a_code_cannot_say_is_counted_for_each_run() -> None:
+    class Counter(Listener):
+        def saturated(self, edge, count):  # type: ignore[no-untyped-def]
+            counts.append((edge.name, count.tolist()))
+
+    counts: list[tuple[str, list[int]]] = []
+    brain = brain_of(
+        {"wide": SpikingRelayConfig(neurons=3), "narrow": SpikingRelayConfig(neurons=7, hi=50.0)},
+        [StepSpec("a", "wide", inputs={"a": "body.force"}), StepSpec("b", "narrow", inputs={"a": "mean a.same"})],
+        {"push": "b.same"},
+    )
+    brain.tick({"force": torch.tensor([[-1.0], [50.0], [100.0], [101.0]])}, brain.init_state([0] * 4), Counter())
+    assert counts == [("a.a", [1, 0, 0, 1]), ("b.a", [0, 0, 1, 1])]
+
+
 def everything() -> Brain:
     return brain_of(
         {"add": AddConfig(), "count": CountConfig(carry="always"), "relay": SpikingRelayConfig()},
@@ -275,3 +354,14 @@ def test_a_reset_run_is_at_its_start_and_the_others_go_on() -> None:
 
 def test_the_hyperperiod_is_the_longest_period_in_use() -> None:
     assert everything().plan.hyperperiod == 4
+
+
+def test_a_run_starts_where_every_step_runs() -> None:
+    brain = everything()
+    _, state = run(brain, [1.0])
+    with pytest.raises(NeuroroboError, match="multiple of the hyperperiod of 4 ticks"):
+        brain.reset(state, torch.tensor([True]), seeds=[0])
+    _, state = run(brain, [2.0, 3.0, 4.0], state)
+    again, _ = run(brain, [5.0, 6.0, 7.0, 8.0, 9.0], brain.reset(state, torch.tensor([True]), seeds=[0]))
+    start, _ = run(brain, [5.0, 6.0, 7.0, 8.0, 9.0])
+    assert [place[1:] for place in again] == [place[1:] for place in start]

@@ -4,9 +4,11 @@ import pytest
 
 from neurorobo.bodies import Sensor
 from neurorobo.clock import Clock
+from neurorobo.codes import PopulationUniform
 from neurorobo.errors import ConfigError
 from neurorobo.graph.compile import compile_graph
 from neurorobo.graph.spec import RepeatSpec, StepSpec
+from neurorobo.regions import Port
 from tests.graph.toys import AddConfig, CountConfig, SpikingRelayConfig
 
 MS = 1_000_000
@@ -16,10 +18,15 @@ CLOCK = Clock({"control": 1000 * MS, "fast": 250 * MS, "flash": 10 * MS}, MS, 50
 class NeedyConfig(AddConfig):
     """Its input `a` has no initial value."""
 
-    def inputs(self, clock: Clock):  # type: ignore[no-untyped-def]
-        from neurorobo.regions import Port
-
+    def inputs(self, clock: Clock) -> dict[str, Port]:
         return {"a": Port("mN"), "pair": Port("mN", 2, initial=(0.0, 0.0))}
+
+
+class OutOfRangeConfig(SpikingRelayConfig):
+    """Its input starts where its code does not reach."""
+
+    def inputs(self, clock: Clock) -> dict[str, Port]:
+        return {"a": Port("mN", code=PopulationUniform(2, 20.0, 30.0), initial=(10.0,))}
 
 
 REGIONS = {
@@ -28,6 +35,8 @@ REGIONS = {
     "count": CountConfig(),
     "relay": SpikingRelayConfig(),
     "needy": NeedyConfig(),
+    "odd_unit": AddConfig(unit="foo"),
+    "out_of_range": OutOfRangeConfig(),
 }
 
 
@@ -67,6 +76,21 @@ def faults(*steps: StepSpec | RepeatSpec, command: dict[str, str] | None = None)
         ([step("body")], "steps.0.body", "the name is taken"),
         ([step("q", every="fast"), step("s", path=1, a="q.sum")], "steps.1.s.a", "`mean q.sum`"),
         ([step("x", a="y.sum"), step("y", path=1)], "steps.0.x.a", "move `y` up"),
+        ([step("x", a="previous body.force delayed 1 s")], "steps.0.x.a", "both `previous` and `delayed`"),
+        ([RepeatSpec(2, (step("x", a="body.force then first x.sum"),))], "steps.0.x.a", "write `then x.sum`"),
+        ([RepeatSpec(2, (step("x", a="body.force then x.sum delayed 1 s"),))], "steps.0.x.a", "write `then x.sum`"),
+        ([RepeatSpec(2, (step("x", a="y.sum then y.sum"), step("y")))], "steps.0.x.a", "move `y` up"),
+        ([RepeatSpec(2, (step("x"), step("y", a="sum x.sum")))], "steps.0.y.a", "same repeat"),
+        ([RepeatSpec(2, (step("x"), step("y", a="mean x.sum")))], "steps.0.y.a", "same repeat"),
+        ([RepeatSpec(2, (step("x"), step("y", a="x.sum delayed 1 s")))], "steps.0.y.a", "`previous x.sum`"),
+        (
+            [step("y", "needy", a="first x.sum"), RepeatSpec(2, (step("x", path=1),))],
+            "steps.0.y.a",
+            "declares no initial one",
+        ),
+        ([step("s"), step("q", path=1, every="fast", a="sum s.sum")], "steps.1.q.a", "sees its value held"),
+        ([step("x", "odd_unit")], "regions.odd_unit", "'foo' is not a unit"),
+        ([step("x", "out_of_range")], "regions.out_of_range", "`a` starts at 10 mN, outside the range 20..30"),
         (
             [RepeatSpec(2, (step("x"), step("y", every="fast")), ("steps", 0))],
             "steps.0",
@@ -96,3 +120,22 @@ def test_all_faults_are_reported_at_once() -> None:
     assert len(lines) == 4
     assert any("no actuator `pull`" in line for line in lines)
     assert any("nothing drives the actuator `push`" in line for line in lines)
+
+
+@pytest.mark.parametrize("text", ["mean x.sum", "sum x.sum", "previous x.sum", "x.sum delayed 1 s"])
+def test_a_command_is_never_of_the_past(text: str) -> None:
+    (line,) = faults(step("x"), command={"push": text})
+    assert line.startswith("command.push: a command takes the value of its tick")
+
+
+@pytest.mark.parametrize("word", ["", "last ", "sum ", "mean "])
+def test_periods_that_do_not_divide_each_other_have_no_read_rule(word: str) -> None:
+    clock = Clock({"control": 600 * MS, "two": 200 * MS, "three": 300 * MS}, MS, 50)
+    steps = [step("x", every="two"), step("y", path=1, every="three", a=f"{word}x.sum")]
+    with pytest.raises(ConfigError, match="does not divide that of its reader"):
+        compile_graph(steps, {}, REGIONS, clock, {}, {})
+
+
+def test_an_unknown_unit_of_a_sensor_is_a_fault_of_the_input_that_reads_it() -> None:
+    with pytest.raises(ConfigError, match=r"steps\.0\.x\.a: 'foo' is not a unit"):
+        compile_graph([step("x", a="body.force")], {}, REGIONS, CLOCK, {"force": Sensor("foo")}, {})

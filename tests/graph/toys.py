@@ -68,13 +68,14 @@ class SpikingRelayConfig(RegionConfig):
     implementation: ClassVar[str] = "tests.graph.toys:SpikingRelay"
     type: Literal["toy.relay"] = "toy.relay"
     neurons: int = 4
+    hi: float = 100.0
     unit: str = "mN"
 
     def inputs(self, clock: Clock) -> dict[str, Port]:
-        return {"a": Port(self.unit, code=PopulationUniform(self.neurons, 0.0, 100.0), initial=(10.0,))}
+        return {"a": Port(self.unit, code=PopulationUniform(self.neurons, 0.0, self.hi), initial=(10.0,))}
 
     def outputs(self, clock: Clock) -> dict[str, Port]:
-        return {"same": Port(self.unit, code=PopulationUniform(self.neurons, 0.0, 100.0))}
+        return {"same": Port(self.unit, code=PopulationUniform(self.neurons, 0.0, self.hi))}
 
 
 class SpikingRelay(Region):
@@ -86,3 +87,29 @@ class SpikingRelay(Region):
         if probe is not None:
             probe("relay", inputs["a"])
         return {"same": inputs["a"]}, state
+
+
+class TallyConfig(RegionConfig):
+    """sum = a / 2 + the number of the use: every use says something else."""
+
+    implementation: ClassVar[str] = "tests.graph.toys:Tally"
+    type: Literal["toy.tally"] = "toy.tally"
+
+    def inputs(self, clock: Clock) -> dict[str, Port]:
+        return {"a": Port("mN", initial=(0.25,))}
+
+    def outputs(self, clock: Clock) -> dict[str, Port]:
+        return {"sum": Port("mN")}
+
+
+class Tally(Region):
+    """Counts its uses in its state, and adds what it hears."""
+
+    def init_state(self, batch: int) -> State:
+        return {"count": torch.zeros(batch, 1)}
+
+    def step(
+        self, inputs: Mapping[str, Tensor], state: State, probe: Probe | None = None
+    ) -> tuple[dict[str, Tensor], State]:
+        count = state["count"] + 1
+        return {"sum": inputs["a"] / 2 + count}, {"count": count}

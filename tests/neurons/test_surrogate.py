@@ -70,3 +70,13 @@ def test_an_unknown_shape_is_refused_with_those_there_are() -> None:
 def test_a_surrogate_without_width_is_refused() -> None:
     with pytest.raises(ValueError, match="positive width"):
         Surrogate("arctan", 0.0)
+
+
+@shapes
+def test_firing_is_a_step_forwards_and_the_surrogate_backwards(shape: SurrogateShape) -> None:
+    surrogate = Surrogate(shape, 0.7)
+    distance = torch.tensor([-3.0, -0.2, 0.0, 0.1, 3.0], requires_grad=True)
+    fired = surrogate.fire(distance)
+    assert fired.tolist() == [0, 0, 1, 1, 1]
+    fired.sum().backward()
+    assert torch.equal(distance.grad, surrogate.derivative(distance.detach()))  # type: ignore[arg-type]

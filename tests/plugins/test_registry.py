@@ -130,16 +130,16 @@ def test_a_broken_plugin_is_reported_when_it_is_asked_for_and_harms_no_other(
 def test_a_type_whose_module_does_not_import_is_named_with_its_plugin(install: Install) -> None:
     install("acme-nr", "acme", types="import no_such_module")
     assert message(Registry.discover(), "region", "acme.cortex") == (
-        "`acme.cortex` belongs to the plugin acme-nr 0.2, which failed to import `acme_types:Cortex`: "
-        "ModuleNotFoundError: No module named 'no_such_module'"
+        "`acme.cortex` belongs to the plugin acme-nr 0.2: `acme_types:Cortex` cannot be imported "
+        "(ModuleNotFoundError: No module named 'no_such_module'); repair or reinstall the plugin that provides it"
     )
 
 
 def test_a_type_that_its_module_does_not_have_is_named_with_its_plugin(install: Install) -> None:
     install("acme-nr", "acme")
     assert message(Registry.discover(), "body", "acme.arm") == (
-        "`acme.arm` belongs to the plugin acme-nr 0.2, which failed to import `acme_types:Arm`: "
-        "AttributeError: module 'acme_types' has no attribute 'Arm'"
+        "`acme.arm` belongs to the plugin acme-nr 0.2: `acme_types:Arm` cannot be imported "
+        "(AttributeError: module 'acme_types' has no attribute 'Arm'); repair or reinstall the plugin that provides it"
     )
 
 

@@ -98,7 +98,7 @@ def test_the_signature_knows_ranges_and_period_but_not_its_name() -> None:
 
 
 def test_an_unknown_period_is_told_with_those_there_are() -> None:
-    with pytest.raises(ConfigError, match="period: there is no period `radia`; `time` defines `control`, `radial`"):
+    with pytest.raises(ConfigError, match="period: there is no period `radia` under `time`; did you mean `radial`"):
         CerebellumConfig(period="radia").inputs(clock())
     with pytest.raises(ConfigError, match="no period `radia`"):
         CompensationStates(CompensationStatesConfig(period="radia"), clock())

@@ -14,6 +14,7 @@ from precision_interaction.prefrontal_cortex_config import PrefrontalCortexConfi
 from torch import Tensor
 
 from neurorobo.clock import Clock
+from neurorobo.errors import ConfigError
 from neurorobo.learning.phase import SupervisePhase
 from neurorobo.learning.supervise import evaluate, supervise
 
@@ -79,6 +80,17 @@ def test_it_starts_from_creep_speed_and_the_paper_s_beta() -> None:
     ports = PrefrontalCortexConfig.model_validate({"start_speed": "5 um/s"}).inputs(CLOCK)
     assert (ports["speed"].initial, ports["beta"].initial) == ((5.0,), (0.3,))
     assert PrefrontalCortexConfig(beta_0=0.5).signature(CLOCK) == PrefrontalCortexConfig().signature(CLOCK)
+
+
+def test_weights_belong_to_the_length_of_the_axial_period_not_to_its_name() -> None:
+    def signature(seconds: int, period: str = "control") -> object:
+        return PrefrontalCortexConfig(period=period).signature(
+            Clock({"control": 2 * 10**9, "axial": seconds * 10**9}, 10**6, 50)
+        )
+
+    assert signature(1, "axial") != signature(2, "axial") == signature(2, "control")
+    with pytest.raises(ConfigError, match="period: there is no period `radial`"):
+        PrefrontalCortexConfig(period="radial").inputs(CLOCK)
 
 
 def test_states_lie_within_the_codes_and_gather_where_one_brakes() -> None:

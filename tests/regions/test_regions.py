@@ -21,6 +21,15 @@ def test_an_initial_value_of_another_width_is_refused() -> None:
         Port("mN", 2, initial=(0.0,))
 
 
+def test_constrain_keeps_trained_thresholds_positive() -> None:
+    region = net()
+    assert region.hidden.threshold is not None
+    with torch.no_grad():
+        region.hidden.threshold.neg_()
+    constrain(region)
+    assert (region.hidden.threshold > 0).all()
+
+
 def test_constrain_restores_every_sign_in_the_region() -> None:
     region = net()
     with torch.no_grad():

@@ -142,7 +142,7 @@ def test_gymnasiums_vector_wrappers_work() -> None:
 def test_an_action_that_is_no_number_is_refused() -> None:
     env = one()
     env.reset(seed=0)
-    with pytest.raises(NeuroroboError, match="the command `speed` is not a number"):
+    with pytest.raises(NeuroroboError, match="the command `speed` is nan"):
         env.step({"speed": np.float32([np.nan]), "nudge": np.zeros(2, np.float32)})
 
 

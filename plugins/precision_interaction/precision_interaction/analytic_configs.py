@@ -29,9 +29,6 @@ class AnalyticConfig(RegionConfig):
 
     def period_s(self, clock: Clock) -> float:
         """Return the length of the period; a ConfigError if the clock has none of that name."""
-        if self.period not in clock.periods_ns:
-            known = ", ".join(f"`{name}`" for name in clock.periods_ns)
-            raise ConfigError([Fault(("period",), f"there is no period `{self.period}`; `time` defines {known}")])
         return clock.seconds(self.period)
 
 
@@ -237,7 +234,8 @@ class PlannerConfig(AxialPlannerConfig):
     )
     unresolved_variance: Annotated[float, Unit("mN^2", gt=0)] = Field(
         default=table_one.UNRESOLVED_VARIANCE_MN2,
-        description="R: what the forecast cannot resolve: stage, sensor, its own error; adds to the variance.",
+        description="R: what the forecast cannot resolve, added to its variance: by default the resolutions of stage "
+        "and sensor; a trained cerebellum's own error is not in it.",
     )
     creep_speed: Speed = Field(default=table_one.CREEP_SPEED_UM_S, description="Least speed on the way.")
 

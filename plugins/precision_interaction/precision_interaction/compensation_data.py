@@ -5,7 +5,6 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Literal
 from pydantic import Field
 
 from neurorobo.clock import Clock
-from neurorobo.errors import ConfigError, Fault
 from neurorobo.learning.phase import DataConfig
 from neurorobo.units import Interval, Unit
 from precision_interaction import table_one
@@ -43,9 +42,6 @@ class CompensationStates:
     """Draws states for the cerebellum and its teacher."""
 
     def __init__(self, config: CompensationStatesConfig, clock: Clock) -> None:
-        if config.period not in clock.periods_ns:
-            known = ", ".join(f"`{name}`" for name in clock.periods_ns)
-            raise ConfigError([Fault(("period",), f"there is no period `{config.period}`; `time` defines {known}")])
         self.period_s = clock.seconds(config.period)
         default = default_ranges(self.period_s)
         self.max_speed_um_s = config.max_speed

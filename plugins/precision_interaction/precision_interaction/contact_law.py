@@ -10,7 +10,7 @@ from neurorobo.regions.region import Probe, Region, State
 from precision_interaction import table_one
 from precision_interaction.analytic_configs import ApproachConfig, ContactLawConfig
 
-Law = Literal["proportional", "measured"]
+LawName = Literal["proportional", "measured"]
 
 
 class Expectation(NamedTuple):
@@ -21,7 +21,7 @@ class Expectation(NamedTuple):
 
 
 def one_period(
-    speed_um_s: Tensor, *, period_s: float, axial_period_s: float = 1.0, law: Law = "proportional"
+    speed_um_s: Tensor, *, period_s: float, axial_period_s: float = 1.0, law: LawName = "proportional"
 ) -> Expectation:
     """Mean and variance of the force increment of one radial period (Eq. 1), for speeds (batch, 1).
 
@@ -50,7 +50,7 @@ def expect(
     *,
     period_s: float,
     axial_period_s: float = 1.0,
-    law: Law = "proportional",
+    law: LawName = "proportional",
     doubling: bool = False,
 ) -> Expectation:
     """Look one period further ahead: feedback plus one period, so n uses give n times the law (Eq. 35).

@@ -6,7 +6,6 @@ from pydantic import Field
 
 from neurorobo.clock import Clock
 from neurorobo.codes import PopulationUniform
-from neurorobo.errors import ConfigError, Fault
 from neurorobo.regions import Port, RegionConfig
 from neurorobo.units import Interval, Unit
 from precision_interaction import table_one
@@ -66,9 +65,6 @@ class HippocampusConfig(RegionConfig):
         }
 
     def _codes(self, clock: Clock) -> tuple[PopulationUniform, PopulationUniform]:
-        if self.period not in clock.periods_ns:
-            known = ", ".join(f"`{name}`" for name in clock.periods_ns)
-            raise ConfigError([Fault(("period",), f"there is no period `{self.period}`; `time` defines {known}")])
         scale = clock.seconds(self.period)
         mean, variance = (
             PopulationUniform(self.output_neurons, limits.lo * scale, limits.hi * scale)

@@ -17,7 +17,7 @@ from precision_interaction.analytic_configs import PlannerConfig
 WITHIN_ONE_DEVIATION = math.erf(math.sqrt(0.5)) ** 2  # T_p of Eq. 22
 
 
-class Plan(NamedTuple):
+class AxialPlan(NamedTuple):
     """The planned speed and the next beta, and the two blocks behind them, (batch, 1) each."""
 
     speed_um_s: Tensor
@@ -108,7 +108,7 @@ def plan(
     creep_speed_um_s: float = table_one.CREEP_SPEED_UM_S,
     max_speed_um_s: float = table_one.MAX_SPEED_UM_S,
     max_acceleration_um_s2: float = table_one.MAX_ACCELERATION_UM_S2,
-) -> Plan:
+) -> AxialPlan:
     """The whole planner, Eq. 20-28: force, forecast, variance (batch, 2); remaining distance, speed, beta (batch, 1).
 
     The variance is that of the n-th imagined period, n Sigma of Eq. 22. The terminal signal is 1 when the desired speed
@@ -130,7 +130,7 @@ def plan(
     )
     stopping_um_s = stopping_speed(remaining_um, period_s=period_s, max_acceleration_um_s2=max_acceleration_um_s2)
     terminal = (desired_um_s > stopping_um_s).to(desired_um_s)
-    return Plan(torch.minimum(desired_um_s, stopping_um_s), new_beta, future, terminal)
+    return AxialPlan(torch.minimum(desired_um_s, stopping_um_s), new_beta, future, terminal)
 
 
 class AxialPlanner(Region):
@@ -160,7 +160,7 @@ class AxialPlanner(Region):
         return as_outputs(planned), state
 
 
-def as_outputs(planned: Plan) -> dict[str, Tensor]:
+def as_outputs(planned: AxialPlan) -> dict[str, Tensor]:
     """Return a plan under the names of the output ports."""
     return {
         "speed": planned.speed_um_s,

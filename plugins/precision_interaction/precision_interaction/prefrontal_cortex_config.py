@@ -1,6 +1,7 @@
 """The configuration of the spiking prefrontal cortex: sizes and codes; imports no torch."""
 
-from typing import Annotated, ClassVar, Literal
+from collections.abc import Mapping
+from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -36,9 +37,14 @@ class PrefrontalCortexConfig(RegionConfig):
 
     implementation: ClassVar[str] = "precision_interaction.prefrontal_cortex:PrefrontalCortex"
     pretrained_package: ClassVar[str | None] = "precision_interaction.weights"
-    not_in_signature: ClassVar[frozenset[str]] = RegionConfig.not_in_signature | {"start_speed", "beta_0"}
+    not_in_signature: ClassVar[frozenset[str]] = RegionConfig.not_in_signature | {
+        "period",
+        "start_speed",
+        "beta_0",
+    }
 
     type: Literal["precision.prefrontal_cortex"] = "precision.prefrontal_cortex"
+    period: str = Field(default="control", description="Name of the period of the axial moves, as under `time`.")
     start_speed: Annotated[float, Unit("um/s", ge=0)] = Field(
         default=table_one.CREEP_SPEED_UM_S, description="The speed before anything is planned."
     )
@@ -63,6 +69,7 @@ class PrefrontalCortexConfig(RegionConfig):
 
     def inputs(self, clock: Clock) -> dict[str, Port]:
         """Radial force now and n periods ahead, the n periods' variance, distance left, and what was planned before."""
+        clock.seconds(self.period)  # a ConfigError if there is none of that name
         neurons = self.input_neurons
         remaining = CoarseFine.of(
             _over(self.remaining_range, neurons.remaining), _over(self.braking_range, neurons.braking)
@@ -90,6 +97,10 @@ class PrefrontalCortexConfig(RegionConfig):
             "confidence": Port("1", description="C_p: confidence in the forecast (Eq. 21-22)."),
             "terminal": Port("1", description="s_l: towards 1 when it is time to brake for the end (Eq. 26)."),
         }
+
+    def signature(self, clock: Clock) -> Mapping[str, Any]:
+        """Return what trained weights depend on: sizes, ranges and the length of the period, not its name."""
+        return {**super().signature(clock), "period_s": clock.seconds(self.period)}
 
 
 def _over(limits: Interval, neurons: int) -> PopulationUniform:

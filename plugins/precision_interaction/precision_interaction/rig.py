@@ -12,8 +12,12 @@ from neurorobo.bodies.body import Array, Body
 from neurorobo.errors import NeuroroboError
 from neurorobo.units import format_duration
 from precision_interaction.contact import Contact, Law, Line, RandomContact, RecordedContact, Table
-from precision_interaction.rig_config import ContactConfig, InsertionRigConfig, TableContact
-from precision_interaction.rig_config import RecordedContact as RecordedContactConfig
+from precision_interaction.rig_config import (
+    ContactConfig,
+    InsertionRigConfig,
+    RecordedContactConfig,
+    TableContactConfig,
+)
 
 
 class InsertionRig(Body):
@@ -145,7 +149,7 @@ def build_contact(config: InsertionRigConfig) -> Contact:
     if isinstance(contact, RecordedContactConfig):
         return read_recording(Path(contact.file))
     law: Law
-    if isinstance(contact, TableContact):
+    if isinstance(contact, TableContactConfig):
         points = contact.points
         law = Table(tuple(p.distance for p in points), tuple(p.mean for p in points), tuple(p.variance for p in points))
     elif contact.law == "measured":

@@ -44,7 +44,7 @@ class _GaussianContact(_Options):
     correlation: Correlation = Correlation()
 
 
-class ProportionalContact(_GaussianContact):
+class ProportionalContactConfig(_GaussianContact):
     """Mean and variance proportional to the inserted distance, the only law for which Eq. 8 and 35 hold."""
 
     law: Literal["proportional"]
@@ -52,7 +52,7 @@ class ProportionalContact(_GaussianContact):
     variance_slope: tuple[VarianceSlope, VarianceSlope, VarianceSlope] = (*table_one.PROPORTIONAL_VARIANCE_MN2_UM, 0.0)
 
 
-class MeasuredContact(_GaussianContact):
+class MeasuredContactConfig(_GaussianContact):
     """The line through the published points, its intercept once per axial move: the rig as it was measured."""
 
     law: Literal["measured"] = "measured"
@@ -73,7 +73,7 @@ class TablePoint(_Options):
     variance: Variances
 
 
-class TableContact(_GaussianContact):
+class TableContactConfig(_GaussianContact):
     """Measured points of any law, joined by straight lines from (0, 0) on."""
 
     law: Literal["table"]
@@ -89,17 +89,19 @@ class TableContact(_GaussianContact):
         return self
 
 
-class RecordedContact(_Options):
+class RecordedContactConfig(_Options):
     """A recorded insertion, replayed: contact force over depth, the same in every episode."""
 
     law: Literal["recorded"]
     file: str = Field(
-        description="CSV: depth_um (0 at first contact), force_x_mN, force_y_mN and, if recorded, force_z_mN."
+        description="CSV: depth_um (0 at first contact), force_x_mN, force_y_mN and, if recorded, force_z_mN. A "
+        "relative path starts at the working directory of the run, not at the experiment file."
     )
 
 
 ContactConfig = Annotated[
-    ProportionalContact | MeasuredContact | TableContact | RecordedContact, Field(discriminator="law")
+    ProportionalContactConfig | MeasuredContactConfig | TableContactConfig | RecordedContactConfig,
+    Field(discriminator="law"),
 ]
 
 
@@ -109,7 +111,7 @@ class InsertionRigConfig(BodyConfig):
     implementation: ClassVar[str] = "precision_interaction.rig:InsertionRig"
 
     type: Literal["precision.insertion_rig"] = "precision.insertion_rig"
-    contact: ContactConfig = MeasuredContact()
+    contact: ContactConfig = MeasuredContactConfig()
     length: Annotated[float, Unit("um", gt=0)] = Field(
         default=table_one.LENGTH_UM, description="l: the axial travel to the end of the insertion, the gap included."
     )

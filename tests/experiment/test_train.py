@@ -1,0 +1,240 @@
+"""Training an experiment: what is refused before it starts, what is resumed, and rules of plugins."""
+
+import json
+import signal
+from collections.abc import Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any, ClassVar, Literal
+
+import pytest
+import torch
+from safetensors import safe_open
+from torch import Tensor, nn
+
+from neurorobo.clock import Clock
+from neurorobo.config.experiment import load_experiment
+from neurorobo.errors import ConfigError, NeuroroboError
+from neurorobo.experiment import train as train_module
+from neurorobo.experiment.lessons import read_lessons
+from neurorobo.experiment.train import train_experiment
+from neurorobo.learning.phase import DataConfig, Phase
+from neurorobo.learning.supervise import Checkpoints, Progress
+from neurorobo.plugins import Registrar, Registry, hookimpl
+from neurorobo.regions import Port, RegionConfig
+from neurorobo.regions.region import Probe, Region, State
+
+HERE = "tests.experiment.test_train"
+
+
+class ScaleConfig(RegionConfig):
+    """y = gain * x, from a gain of its own; as a teacher it can be made unfit."""
+
+    implementation: ClassVar[str] = f"{HERE}:Scale"
+    type: Literal["school.scale"] = "school.scale"
+    gain: float = 0.0
+    unit: str = "um"
+    reads: str = "x"
+    says: str = "y"
+
+    def inputs(self, clock: Clock) -> dict[str, Port]:
+        return {self.reads: Port("mN", 2)}
+
+    def outputs(self, clock: Clock) -> dict[str, Port]:
+        return {self.says: Port(self.unit, 2)}
+
+
+class Scale(Region):
+    def __init__(self, config: ScaleConfig, clock: Clock, generator: torch.Generator) -> None:
+        super().__init__(config, clock, generator)
+        if config.gain > 100:
+            raise ValueError("a gain above 100 is too much")
+        self.gain = nn.ParameterDict({"value": nn.Parameter(torch.tensor([config.gain]))})
+
+    def step(
+        self, inputs: Mapping[str, Tensor], state: State, probe: Probe | None = None
+    ) -> tuple[dict[str, Tensor], State]:
+        return {"y": self.gain["value"] * inputs["x"]}, state
+
+
+class NoiseConfig(DataConfig):
+    implementation: ClassVar[str] = f"{HERE}:Noise"
+    type: Literal["school.noise"] = "school.noise"
+    broken: bool = False
+
+
+class Noise:
+    def __init__(self, config: NoiseConfig, clock: Clock) -> None:
+        if config.broken:
+            raise NeuroroboError("there is nothing to draw from")
+
+    def draw(self, batch: int, generator: torch.Generator) -> Mapping[str, Tensor]:
+        return {"x": torch.randn(batch, 2, generator=generator)}
+
+
+class SetPhase(Phase):
+    """A rule of a plugin's own: it sets the gain."""
+
+    implementation: ClassVar[str] = f"{HERE}:set_gain"
+    phase: Literal["school.set"] = "school.set"
+    to: float
+
+
+def set_gain(*, region: Region, phase: SetPhase, report: Any, **_: object) -> None:
+    with torch.no_grad():
+        region.get_parameter("gain.value").fill_(phase.to)
+    report(Progress(1, 1, 0.0, {}, 0.0))
+
+
+class Plugin:
+    @hookimpl
+    def neurorobo_register(self, registry: Registrar) -> None:
+        registry.add("region", "school.scale", f"{HERE}:ScaleConfig")
+        registry.add("data", "school.noise", f"{HERE}:NoiseConfig")
+        registry.add("rule", "school.set", f"{HERE}:SetPhase")
+
+
+FILE = """\
+neurorobo: 1
+name: school
+time: {control: 1 s, window: 20}
+episode: {duration: 1 s}
+regions:
+  pupil: {type: school.scale}
+  other: {type: school.scale}
+  add: {type: sum, unit: um}
+steps:
+  - sum: {use: add, a: previous sum.sum, b: previous sum.sum}
+train:
+  - {phase: supervise, region: pupil, teacher: {type: school.scale, gain: 2.0}, data: school.noise, loss: {y: 1 um}, steps: 150, learning_rate: 0.1, schedule: linear}
+  - {phase: school.set, region: other, to: 7.0}
+"""  # noqa: E501
+
+
+def lessons(folder: Path, text: str = FILE) -> Any:
+    file = folder / "school.yaml"
+    file.write_text(text.replace("unit: um}", "unit: um, width: 2}"))
+    types = Registry()
+    types.add_plugin("school", Plugin())
+    experiment = load_experiment(file, (), types)
+    return experiment, read_lessons(experiment, types)
+
+
+def train(folder: Path, text: str = FILE, **options: Any) -> Any:
+    return train_experiment(*lessons(folder, text), folder / "out", **options)
+
+
+def gain(folder: Path, region: str) -> float:
+    with safe_open(folder / "out" / f"{region}.safetensors", "pt") as file:
+        return float(file.get_tensor("gain.value"))
+
+
+def refused(folder: Path, old: str, new: str, start: bool = False) -> str:
+    assert old in FILE
+    with pytest.raises(ConfigError) as caught:
+        (train if start else lessons)(folder, FILE.replace(old, new, 1))
+    assert not (folder / "out").exists()
+    return str(caught.value)
+
+
+def test_the_core_s_rule_and_a_plugin_s_run_from_one_file(tmp_path: Path) -> None:
+    seen: list[int] = []
+    reports = train(tmp_path, report=lambda index, progress: seen.append(index))
+    assert (gain(tmp_path, "pupil"), gain(tmp_path, "other")) == (pytest.approx(2.0, abs=0.05), 7.0)
+    assert [report.region for report in reports] == ["pupil", "other"]
+    assert seen == [0] * 150 + [1]
+    assert set(reports[0].evaluation) == {"rms", "largest", "bias", "firing_rates"}
+    assert reports[1].evaluation == {}
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("gain: 2.0", "says: z", "train.0.loss.y: the teacher `school.scale` has no output `y`"),
+        ("gain: 2.0", "unit: mm", "train.0.loss.y: the output `y` of the teacher `school.scale` is 2 x mm"),
+        ("gain: 2.0", "reads: z", "train.0.teacher: `school.scale` reads `z`, which `pupil` has no input for"),
+        ("gain: 2.0", "weights: w.safetensors", "train.0.teacher.weights: a teacher is built without weights"),
+        ("region: other", "region: others", "train.1.region: there is no region `others`; did you mean `other`"),
+        ("to: 7.0", "to: much", "train.1.to: must be a number (got 'much')"),
+        ("to: 7.0", "to: 7.0, seed: 99999999999999999999", "train.1.seed: must be less than or equal to"),
+    ],
+)
+def test_what_cannot_be_taught_is_told_before_anything_is_built(
+    tmp_path: Path, old: str, new: str, message: str
+) -> None:
+    assert message in refused(tmp_path, old, new)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (
+            "steps: 150",
+            "steps: 150, freeze: [gian]",
+            "train.0.freeze.0: `pupil` has no parameter group `gian`; did you",
+        ),
+        ("data: school.noise", "data: {type: school.noise, broken: true}", "train.0.data: there is nothing to draw"),
+        ("other: {type: school.scale", "other: {type: school.scale, gain: 101", "regions.other: cannot be built: a g"),
+        ("gain: 2.0", "gain: 102", "train.0.teacher: cannot be built: a gain above 100 is too much"),
+    ],
+)
+def test_what_only_the_built_regions_tell_is_told_before_any_phase_runs(
+    tmp_path: Path, old: str, new: str, message: str
+) -> None:
+    assert message in refused(tmp_path, old, new, start=True)
+
+
+def test_a_finished_phase_is_not_repeated_unless_its_settings_changed(tmp_path: Path) -> None:
+    train(tmp_path)
+    before = gain(tmp_path, "pupil")
+    train(tmp_path, report=lambda index, progress: pytest.fail("trained again"))
+    assert gain(tmp_path, "pupil") == before
+    with pytest.raises(NeuroroboError, match=r"phase1_other.safetensors was trained by other settings than those of"):
+        train(tmp_path, FILE.replace("to: 7.0", "to: 8.0"))
+    (tmp_path / "out" / "phase1_other.safetensors").unlink()
+    train(tmp_path, FILE.replace("to: 7.0", "to: 8.0"))
+    assert gain(tmp_path, "other") == 8.0
+
+
+def test_training_one_region_keeps_what_is_known_of_the_others(tmp_path: Path) -> None:
+    train(tmp_path, only=["pupil"])
+    report = tmp_path / "out" / "training.json"
+    [first] = json.loads(report.read_text())["phases"]
+    train(tmp_path, only=["other"])
+    phases = json.loads(report.read_text())["phases"]
+    assert [phase["region"] for phase in phases] == ["pupil", "other"]
+    assert phases[0] == first
+
+
+def test_an_interrupted_phase_goes_on_and_counts_all_its_time(tmp_path: Path) -> None:
+    straight, broken = tmp_path / "straight", tmp_path / "broken"
+    for folder in (straight, broken):
+        folder.mkdir()
+    train(straight)
+
+    def interrupt(index: int, progress: Progress) -> None:
+        if progress.done == 20:
+            signal.raise_signal(signal.SIGINT)
+
+    with pytest.raises(KeyboardInterrupt):
+        train(broken, report=interrupt)
+    spent = broken / "out" / "checkpoints" / "phase0.seconds"
+    spent.write_text("100.0")
+    first, _ = train(broken)
+    assert first.seconds >= 100
+    assert gain(broken, "pupil") == gain(straight, "pupil")
+    assert list((broken / "out" / "checkpoints").iterdir()) == []
+
+
+def test_a_checkpoint_outlives_weights_that_could_not_be_saved(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def no_space(*_: object, **__: object) -> None:
+        raise OSError("no space left")
+
+    monkeypatch.setattr(train_module, "save_weights", no_space)
+    monkeypatch.setattr(train_module, "Checkpoints", partial(Checkpoints, every_s=0))
+    with pytest.raises(OSError):
+        train(tmp_path)
+    monkeypatch.undo()
+    seen: list[int] = []
+    train(tmp_path, report=lambda index, progress: seen.append(progress.done))
+    assert seen == [1]  # the plugin's phase alone
