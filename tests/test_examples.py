@@ -47,7 +47,7 @@ def test_the_radial_loop_may_run_at_20_hz(tmp_path: Path) -> None:
 
 def test_the_minimal_example_spikes_without_a_robot(tmp_path: Path) -> None:
     summary = run(tmp_path, "minimal.yaml")
-    assert set(summary["aggregate"]) == {"firing_rate.ping", "firing_rate.pong"}  # type: ignore[call-overload]
+    assert set(summary["aggregate"]) == {"firing_rate.ping", "firing_rate.pong", "saturations"}  # type: ignore[call-overload]
     assert len((EXAMPLES / "minimal.yaml").read_text().splitlines()) < 25
 
 
