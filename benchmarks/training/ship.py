@@ -18,8 +18,7 @@ from neurorobo.config.document import dump
 from neurorobo.config.experiment import Experiment, load_experiment
 from neurorobo.experiment.build import build_region, implementation
 from neurorobo.experiment.lessons import Lesson, read_lessons
-from neurorobo.experiment.train import plain
-from neurorobo.learning.supervise import evaluate
+from neurorobo.learning.supervise import evaluate, plain
 from neurorobo.plugins import Registry
 from neurorobo.regions.weights import GRID_BITS, load_weights, save_weights, signature_hash
 

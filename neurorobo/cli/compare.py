@@ -16,8 +16,7 @@ from neurorobo.cli.options import json_option, out_option, overrides_option, see
     "variants",
     multiple=True,
     metavar="PATH=VALUE",
-    help="Add the first file once more with this value replaced, such as regions.cerebellum=precision.predictive; "
-    "repeatable.",
+    help="Add the first file once more with this value replaced, such as regions.cortex=acme.teacher; repeatable.",
 )
 @seed_option
 @click.option(

@@ -31,7 +31,7 @@ def train(file: Path, overrides: tuple[str, ...], only: tuple[str, ...], threads
     experiment = load_experiment(file, overrides, registry)
     lessons = read_lessons(experiment, registry)
     if not lessons:
-        raise NeuroroboError(f"{file} has no `train` phases; add some, or look at examples/peg_in_hole.yaml")
+        raise NeuroroboError(f"{file} has no `train` phases; add some, as the guide to training shows")
     torch.set_num_threads(threads)
     folder = out or Path("runs") / experiment.name / f"training-{experiment.config_hash[:8]}"
     with training_progress() as show:

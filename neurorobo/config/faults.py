@@ -1,4 +1,4 @@
-"""Plain faults and their places: ``peg.yaml:7:5: regions.cortex.size: must be greater than 0 (got -3)``."""
+"""Plain faults and their places: ``file.yaml:7:5: regions.cortex.size: must be greater than 0 (got -3)``."""
 
 import re
 import types
