@@ -89,7 +89,9 @@ def supervise(
                 group["lr"] = phase.learning_rate_at(step) * group["scale"]
             rates = _Rates()
             errors = lesson.errors(data.draw(phase.batch, generator), rates)
-            loss = lesson.loss(errors) + phase.rate_penalty * rates.mean()
+            loss = lesson.loss(errors)
+            if phase.rate_penalty:
+                loss = loss + phase.rate_penalty * rates.mean()
             optimiser.zero_grad()
             loss.backward()
             optimiser.step()
