@@ -37,17 +37,21 @@ def apply_overrides(document: Document, overrides: Iterable[str]) -> Document:
 
 
 def _set(value: Any, path: DocumentPath, new: Any) -> DocumentPath:
-    """Set in place and return the path with the indices of lists as integers."""
+    """Set in place and return the path of what is new, with the indices of lists as integers."""
     walked: list[str | int] = []
+    new_from: DocumentPath | None = None
     for part in path[:-1]:
         key = _key(value, part, walked)
         if isinstance(value, dict) and value.get(key) is None:
             value[key] = {}
-        value = value[key]
         walked.append(key)
+        if isinstance(value[key], str):  # `planner` is short for `{type: planner}`
+            value[key] = {"type": value[key]}
+            new_from = new_from or tuple(walked)
+        value = value[key]
     key = _key(value, path[-1], walked)
     value[key] = new
-    return (*walked, key)
+    return new_from or (*walked, key)
 
 
 def _key(value: Any, part: str | int, walked: list[str | int]) -> str | int:

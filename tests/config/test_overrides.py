@@ -73,6 +73,15 @@ def test_the_place_of_what_an_override_set_is_the_override() -> None:
     assert document.place(("train",)) == "x.yaml:3:1"
 
 
+def test_a_key_below_a_bare_name_keeps_the_name_as_its_type() -> None:
+    document = apply_overrides(
+        parse_document("region: planner  # short", "x.yaml"), ["region.gain=2", "region.width=3"]
+    )
+    assert document.value == {"region": {"type": "planner", "gain": 2, "width": 3}}
+    assert document.place(("region", "gain")) == "--set region.gain=2"
+    assert document.place(("region", "width")) == "--set region.width=3"
+
+
 @pytest.mark.parametrize(
     ("override", "line"),
     [
