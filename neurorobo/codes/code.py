@@ -39,13 +39,17 @@ class Code(ABC):
 
     @abstractmethod
     def decode(self, spikes: "Tensor") -> "Tensor":
-        """Return the values (batch, width) of ``spikes`` (steps, batch, width * neurons), differentiable where the
-        code allows."""
+        """Return the values (batch, width) of ``spikes`` (steps, batch, width * neurons)."""
 
     @property
     def stochastic(self) -> bool:
         """Whether :meth:`encode` draws from its generator."""
         return False
+
+    @property
+    def differentiable(self) -> bool:
+        """Whether gradients flow through :meth:`decode`, so that a region can be taught what it says in this code."""
+        return True
 
     def saturated(self, values: "Tensor") -> "Tensor":
         """Return which ``values`` lie outside the range, as booleans of their shape."""

@@ -69,5 +69,6 @@ class Poisson(CountCode):
         if generator is None:
             raise ValueError("a Poisson code needs a random generator")
         probability = self.fraction(values).repeat_interleave(self.neurons, dim=1)
-        uniform = torch.rand((steps, *probability.shape), generator=generator, dtype=values.dtype)
-        return (uniform < probability).to(values.dtype)
+        shape = (steps, *probability.shape)
+        uniform = torch.rand(shape, generator=generator, dtype=values.dtype, device=generator.device)
+        return (uniform.to(values.device) < probability).to(values.dtype)
