@@ -11,10 +11,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Code(ABC):
-    """A map between values in ``lo..hi`` (in the unit of the port that carries the code) and spikes of ``neurons``
-    neurons.
+    """A map between values in ``lo..hi``, in the unit of the port that carries the code, and spikes of neurons.
 
-    Each component of a quantity has neurons of its own: values (batch, width) become spikes (steps, batch, width *
+    Each component of a quantity has ``neurons`` of its own: values (batch, width) become spikes (steps, batch, width *
     neurons), 0 or 1. Values out of range saturate, never wrap; :meth:`saturated` tells which ones did.
     """
 
@@ -25,9 +24,9 @@ class Code(ABC):
     def __post_init__(self) -> None:
         """Refuse an empty population and an empty range."""
         if self.neurons < 1:
-            raise ValueError(f"a code needs at least one neuron, got {self.neurons}")
+            raise ValueError(f"a code needs at least one neuron (got {self.neurons}); give it 1 or more")
         if not self.lo < self.hi:
-            raise ValueError(f"a code needs a range with lo < hi, got {self.lo}..{self.hi}")
+            raise ValueError(f"a code needs a range that rises (got {self.lo}..{self.hi}); give the smaller end first")
 
     @abstractmethod
     def resolution(self, steps: int) -> float:

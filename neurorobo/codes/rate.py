@@ -12,10 +12,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class CountCode(Code):
-    """A code whose value is the spike count: ``lo + count * resolution``, with ``resolution = (hi - lo) / (neurons *
-    steps)``.
+    """A code whose value is the spike count: ``lo + count * resolution``.
 
-    Source of the decoder: rate decoding, Sec. IV-A of Xing et al.
+    The resolution is ``(hi - lo) / (neurons * steps)``. Source of the decoder: rate decoding, Sec. IV-A of Xing et al.
     """
 
     def resolution(self, steps: int) -> float:
