@@ -177,9 +177,11 @@ class _Files:
         if not mine.exists():
             return
         found, wanted = load_weights(region, mine), self.notes(index)
-        if found.get("phase_config") != wanted["phase_config"]:
+        if not wanted.keys() <= found.keys():
+            difference = "by another version, which does not say how"
+        elif found["phase_config"] != wanted["phase_config"]:
             difference = f"by other settings than those of `train.{index}`"
-        elif found.get("after") != wanted["after"]:
+        elif found["after"] != wanted["after"]:
             difference = "from other weights than the phase before it has left"
         else:
             return

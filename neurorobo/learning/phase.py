@@ -8,7 +8,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 from neurorobo.clock import Clock
 from neurorobo.errors import ConfigError, Fault, did_you_mean
-from neurorobo.regions.config import RegionConfig, checked_ports
+from neurorobo.regions.config import RegionConfig
 from neurorobo.regions.port import Port
 from neurorobo.seeds import LARGEST_SEED
 from neurorobo.units import UnitError, parse_quantity, same_unit
@@ -79,7 +79,10 @@ class Phase(BaseModel):
     def check(
         self, inputs: Mapping[str, Port], outputs: Mapping[str, Port], clock: Clock, parts: Mapping[str, BaseModel]
     ) -> None:
-        """Raise a ConfigError with all that does not fit a region of these ports; ``parts`` are configurations."""
+        """Raise a ConfigError with all that does not fit a region of these ports.
+
+        ``parts`` are configurations; the ports of regions among them have been checked by themselves.
+        """
 
     def check_groups(self, groups: Collection[str]) -> None:
         """Raise a ConfigError if the phase does not fit a region of these parameter groups, known once it is built."""
@@ -125,12 +128,7 @@ class SupervisePhase(Phase):
         faults = [*self._port_faults(inputs, outputs)]
         teacher = parts["teacher"]
         assert isinstance(teacher, RegionConfig)
-        try:
-            told, says = checked_ports(teacher, clock)
-        except ConfigError as error:
-            faults += error.under("teacher").faults
-        else:
-            faults += self._teacher_faults(inputs, outputs, teacher, told, says)
+        faults += self._teacher_faults(inputs, outputs, teacher, clock)
         if faults:
             raise ConfigError(faults)
 
@@ -163,14 +161,10 @@ class SupervisePhase(Phase):
         return faults
 
     def _teacher_faults(
-        self,
-        inputs: Mapping[str, Port],
-        outputs: Mapping[str, Port],
-        teacher: RegionConfig,
-        told: Mapping[str, Port],
-        says: Mapping[str, Port],
+        self, inputs: Mapping[str, Port], outputs: Mapping[str, Port], teacher: RegionConfig, clock: Clock
     ) -> Iterator[Fault]:
-        """Yield what the teacher cannot say, or cannot be told; ``told`` and ``says`` are its ports."""
+        """Yield what the teacher cannot say, or cannot be told."""
+        told, says = teacher.inputs(clock), teacher.outputs(clock)
         if teacher.weights is not None:
             yield Fault(
                 ("teacher", "weights"), "a teacher is built without weights; take a region of numbers, without this key"
