@@ -69,4 +69,7 @@ class Recorder(ABC):
 
     @abstractmethod
     def finish(self) -> Path | None:
-        """Write what was kept, and return the file; called once, also if the run was interrupted."""
+        """Write what was kept, and return the file; called once, also if the run was interrupted.
+
+        An OSError is told to the user as what cannot be written.
+        """
