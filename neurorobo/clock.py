@@ -64,11 +64,6 @@ class Clock:
         return gcd(*self.periods_ns.values())
 
     @property
-    def hyperperiod_ns(self) -> int:
-        """The time after which the schedule repeats: the longest period."""
-        return max(self.periods_ns.values())
-
-    @property
     def window_ns(self) -> int:
         """The length of a spike window."""
         return self.window * self.spike_step_ns

@@ -17,7 +17,6 @@ def faults_of(**values: object) -> dict[tuple[str | int, ...], str]:
 def test_periods_count_in_ticks_of_their_common_measure() -> None:
     clock = Clock.from_config({"control": "1 s", "radial": "200 ms", "slow": "2 s", "spike_step": "1 ms", "window": 50})
     assert clock.tick_ns == 200_000_000
-    assert clock.hyperperiod_ns == 2_000_000_000
     assert {name: clock.ticks(name) for name in clock.periods_ns} == {"control": 5, "radial": 1, "slow": 10}
     assert clock.seconds("radial") == 0.2
     assert clock.window_ns == 50_000_000

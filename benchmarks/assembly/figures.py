@@ -24,8 +24,7 @@ START, END = "<!-- assembly figures: python benchmarks/assembly/figures.py -->",
 
 @dataclass(frozen=True)
 class Row:
-    """One experiment: its file, what is changed in it, the largest means wanted, and the paper's figures, if it has
-    any."""
+    """One experiment: its file, what is changed in it, the largest means wanted, and the paper's figures if any."""
 
     name: str
     file: str

@@ -1,5 +1,4 @@
-"""The repeatable accuracy of the three codes (Sec. IV-A of the paper): how far, and how reproducibly, a value comes
-back.
+"""The repeatable accuracy of the three codes (Sec. IV-A): how far, and how reproducibly, a value comes back.
 
 Run ``python benchmarks/codes/repeatability.py`` (seconds). Every value is encoded and decoded many times; the table
 gives the rms error, the standard deviation between repetitions, and the resolution that each code states.

@@ -16,9 +16,9 @@ import torch
 
 from neurorobo.config.document import dump
 from neurorobo.config.experiment import Experiment, load_experiment
-from neurorobo.experiment.build import build_region, implementation
+from neurorobo.experiment.build import build, build_region
 from neurorobo.experiment.lessons import Lesson, read_lessons
-from neurorobo.learning.supervise import evaluate, plain
+from neurorobo.learning.evaluate import evaluate
 from neurorobo.plugins import Registry
 from neurorobo.regions.weights import GRID_BITS, load_weights, save_weights, signature_hash
 
@@ -41,12 +41,12 @@ def ship(experiment: Experiment, name: str, lessons: list[Lesson], trained: Path
     lines = [f"# {stem}", "", f"Trained for {purpose}.", ""]
     for lesson, phase in zip(lessons, phases, strict=True):
         teacher = build_region(lesson.teacher, experiment, torch.Generator())
-        data = implementation(lesson.data.implementation)(lesson.data, experiment.clock)
+        data = build(lesson.data, experiment.clock)
         examiner = torch.Generator().manual_seed(phase["seed"] + 1_000_003)
         shipped = evaluate(
             region, teacher, data, examiner, outputs=lesson.phase.loss, unroll=lesson.phase.unroll, batches=32
         )
-        lines += _section(lesson, phase, plain(shipped))
+        lines += _section(lesson, phase, shipped.to_json())
     lines += ["## Configuration", "", "```yaml", dump(dict(config.signature(experiment.clock))).rstrip(), "```", ""]
     path.with_suffix(".md").write_text("\n".join(lines), encoding="utf-8")
     return path

@@ -14,8 +14,10 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Sensor:
-    """What a sensor reports: ``width`` components in ``unit`` within ``lo..hi``, in counts of ``resolution`` (0:
-    continuous)."""
+    """What a sensor reports: ``width`` components in ``unit`` within ``lo..hi``.
+
+    It counts in steps of ``resolution``; 0 stands for a continuous one.
+    """
 
     unit: str
     width: int = 1
@@ -87,8 +89,10 @@ class Body(ABC):
 
     @abstractmethod
     def advance(self, commands: Mapping[str, Array], duration_ns: int) -> None:
-        """Carry out ``commands`` for ``duration_ns``; an actuator without a new command keeps its speed or stands
-        still."""
+        """Carry out ``commands`` for ``duration_ns``.
+
+        An actuator without a new command keeps its speed or stands still.
+        """
 
     def limits(self, duration_ns: int) -> dict[str, tuple[Array, Array]]:
         """Return the least and largest command that each actuator may be given for the coming ``duration_ns``.

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from neurorobo.cli.options import json_option, out_option, overrides_option, seed_option
+from neurorobo.cli.options import json_option, out_option, overrides_option, seed_option, typed
 
 
 @click.command()
@@ -64,7 +64,9 @@ def compare(
         folder = None if out is None else out / name.replace("/", "_")
         seeds = range(first, first + episodes)
         with RunProgress() as progress:
-            finished = run_experiment(experiment, registry, seeds, folder, record=(), progress=progress)
+            finished = run_experiment(
+                experiment, registry, seeds, folder, record=(), command=typed(), progress=progress
+            )
         summaries[name] = finished.summary
         click.echo(f"{name}: {finished.folder.path}", err=True)
     summaries = {name: summaries[name] for name in names}

@@ -56,6 +56,7 @@ def graph(file: Path, overrides: tuple[str, ...], out: Path | None) -> None:
     """Draw the region graph as a Mermaid flowchart, which Markdown viewers show as a picture."""
     from neurorobo.config.experiment import load_experiment
     from neurorobo.experiment.plan import build_plan
+    from neurorobo.files import write_whole
     from neurorobo.plugins import Registry
     from neurorobo.views.mermaid import mermaid_lines
 
@@ -63,7 +64,7 @@ def graph(file: Path, overrides: tuple[str, ...], out: Path | None) -> None:
     if out is None:
         click.echo(text, nl=False)
     else:
-        _write(out, text)
+        write_whole(out, text.encode())
 
 
 @click.command()
@@ -116,6 +117,7 @@ def schema(out: Path | None, check: Path | None) -> None:
     """Print the JSON Schema of experiment files, with the types of every installed plugin, for editors."""
     from neurorobo.config.schema import experiment_schema
     from neurorobo.errors import NeuroroboError
+    from neurorobo.files import write_whole
     from neurorobo.plugins import Registry
 
     text = json.dumps(experiment_schema(Registry.discover()), indent=2, ensure_ascii=False) + "\n"
@@ -124,17 +126,6 @@ def schema(out: Path | None, check: Path | None) -> None:
             raise NeuroroboError(f"{check} is not current; run `neurorobo schema --out {check}`")
         click.echo(f"{check}: current")
     elif out is not None:
-        _write(out, text)
+        write_whole(out, text.encode())
     else:
         click.echo(text, nl=False)
-
-
-def _write(path: Path, text: str) -> None:
-    """Write a file, and the folders that it is in."""
-    from neurorobo.errors import NeuroroboError
-
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise NeuroroboError(f"{path} cannot be written ({error.strerror}); choose another file with `--out`") from None

@@ -58,7 +58,8 @@ class _Commands(click.Group):
 def cli() -> None:
     """Spiking neural networks that control robots: declare a region graph in YAML, run it, train it.
 
-    Exit codes: 0 all went well; 1 a defect of the program; 2 bad input; 3 an episode did not succeed; 130 interrupted.
+    Exit codes: 0 all went well; 1 a defect of the program; 2 bad input, or a place that cannot be written; 3 an episode
+    of `run` did not succeed; 130 interrupted.
     """
 
 

@@ -1,14 +1,16 @@
 """Options that several commands share."""
 
+import shlex
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import click
 
-Command = Callable[..., Any]
+from neurorobo.seeds import LARGEST_SEED
 
-LARGEST_SEED = 2**63 - 1
+Command = Callable[..., Any]
 
 file_argument = click.argument("file", type=click.Path(path_type=Path, dir_okay=False))
 
@@ -30,3 +32,8 @@ out_option = click.option(
     type=click.Path(path_type=Path, file_okay=False),
     help="Folder for the results. Default: runs/<name>/<time>-<hash>.",
 )
+
+
+def typed() -> str:
+    """Return what was typed, quoted so that a shell takes it back."""
+    return shlex.join(["neurorobo", *sys.argv[1:]])

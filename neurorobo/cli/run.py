@@ -6,7 +6,7 @@ from pathlib import Path
 import click
 
 from neurorobo.cli.exit_codes import EPISODE_FAILED
-from neurorobo.cli.options import file_argument, json_option, out_option, overrides_option, seed_option
+from neurorobo.cli.options import file_argument, json_option, out_option, overrides_option, seed_option, typed
 
 
 @click.command()
@@ -46,7 +46,8 @@ def run(
     experiment = load_experiment(file, overrides, registry)
     first = experiment.seed if seed is None else seed
     with RunProgress() as progress:
-        finished = run_experiment(experiment, registry, range(first, first + episodes), out, progress=progress)
+        seeds = range(first, first + episodes)
+        finished = run_experiment(experiment, registry, seeds, out, command=typed(), progress=progress)
     if as_json:
         click.echo(json.dumps({"folder": str(finished.folder.path), **finished.summary}, indent=2))
     else:

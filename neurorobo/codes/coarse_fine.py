@@ -33,6 +33,11 @@ class CoarseFine(Code):
         """Whether either part draws its spikes."""
         return self.coarse.stochastic or self.fine.stochastic
 
+    @property
+    def differentiable(self) -> bool:
+        """Whether gradients flow through both parts."""
+        return self.coarse.differentiable and self.fine.differentiable
+
     def resolution(self, steps: int) -> float:
         """Return the coarse resolution, which holds everywhere."""
         return self.coarse.resolution(steps)

@@ -11,10 +11,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Code(ABC):
-    """A map between values in ``lo..hi`` (in the unit of the port that carries the code) and spikes of ``neurons``
-    neurons.
+    """A map between values in ``lo..hi``, in the unit of the port that carries the code, and spikes of neurons.
 
-    Each component of a quantity has neurons of its own: values (batch, width) become spikes (steps, batch, width *
+    Each component of a quantity has ``neurons`` of its own: values (batch, width) become spikes (steps, batch, width *
     neurons), 0 or 1. Values out of range saturate, never wrap; :meth:`saturated` tells which ones did.
     """
 
@@ -25,9 +24,9 @@ class Code(ABC):
     def __post_init__(self) -> None:
         """Refuse an empty population and an empty range."""
         if self.neurons < 1:
-            raise ValueError(f"a code needs at least one neuron, got {self.neurons}")
+            raise ValueError(f"a code needs at least one neuron (got {self.neurons}); give it 1 or more")
         if not self.lo < self.hi:
-            raise ValueError(f"a code needs a range with lo < hi, got {self.lo}..{self.hi}")
+            raise ValueError(f"a code needs a range that rises (got {self.lo}..{self.hi}); give the smaller end first")
 
     @abstractmethod
     def resolution(self, steps: int) -> float:
@@ -39,13 +38,17 @@ class Code(ABC):
 
     @abstractmethod
     def decode(self, spikes: "Tensor") -> "Tensor":
-        """Return the values (batch, width) of ``spikes`` (steps, batch, width * neurons), differentiable where the
-        code allows."""
+        """Return the values (batch, width) of ``spikes`` (steps, batch, width * neurons)."""
 
     @property
     def stochastic(self) -> bool:
         """Whether :meth:`encode` draws from its generator."""
         return False
+
+    @property
+    def differentiable(self) -> bool:
+        """Whether gradients flow through :meth:`decode`, so that a region can be taught what it says in this code."""
+        return True
 
     def saturated(self, values: "Tensor") -> "Tensor":
         """Return which ``values`` lie outside the range, as booleans of their shape."""

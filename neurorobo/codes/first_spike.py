@@ -19,6 +19,11 @@ class TimeToFirstSpike(Code):
     sum to L (Hermite's identity). A neuron that stays silent counts as firing at the last step.
     """
 
+    @property
+    def differentiable(self) -> bool:
+        """Which step is a neuron's first has no gradient."""
+        return False
+
     def resolution(self, steps: int) -> float:
         """Return the value of one step of one neuron's latency."""
         if steps < 2:
@@ -31,8 +36,9 @@ class TimeToFirstSpike(Code):
 
         self.resolution(steps)
         total = ((1 - self.fraction(values)) * (self.neurons * (steps - 1))).round().long()
-        latency = (total.unsqueeze(-1) + torch.arange(self.neurons)).div(self.neurons, rounding_mode="floor").flatten(1)
-        return (torch.arange(steps).view(-1, 1, 1) == latency).to(values.dtype)
+        shift = torch.arange(self.neurons, device=values.device)
+        latency = (total.unsqueeze(-1) + shift).div(self.neurons, rounding_mode="floor").flatten(1)
+        return (torch.arange(steps, device=values.device).view(-1, 1, 1) == latency).to(values.dtype)
 
     def decode(self, spikes: "Tensor") -> "Tensor":
         """Sum the latencies of each component; not differentiable."""

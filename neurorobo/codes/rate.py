@@ -12,10 +12,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class CountCode(Code):
-    """A code whose value is the spike count: ``lo + count * resolution``, with ``resolution = (hi - lo) / (neurons *
-    steps)``.
+    """A code whose value is the spike count: ``lo + count * resolution``.
 
-    Source of the decoder: rate decoding, Sec. IV-A of Xing et al.
+    The resolution is ``(hi - lo) / (neurons * steps)``. Source of the decoder: rate decoding, Sec. IV-A of Xing et al.
     """
 
     def resolution(self, steps: int) -> float:
@@ -69,5 +68,6 @@ class Poisson(CountCode):
         if generator is None:
             raise ValueError("a Poisson code needs a random generator")
         probability = self.fraction(values).repeat_interleave(self.neurons, dim=1)
-        uniform = torch.rand((steps, *probability.shape), generator=generator, dtype=values.dtype)
-        return (uniform < probability).to(values.dtype)
+        shape = (steps, *probability.shape)
+        uniform = torch.rand(shape, generator=generator, dtype=values.dtype, device=generator.device)
+        return (uniform.to(values.device) < probability).to(values.dtype)

@@ -1,6 +1,5 @@
 """Configuration: YAML with places, units and overrides, checked against the models of the core and of plugins."""
 
 from neurorobo.config.experiment import Experiment, load_experiment
-from neurorobo.config.faults import raise_faults
 
-__all__ = ["Experiment", "load_experiment", "raise_faults"]
+__all__ = ["Experiment", "load_experiment"]

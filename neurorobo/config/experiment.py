@@ -25,16 +25,15 @@ from neurorobo.clock import Clock
 from neurorobo.config.document import Document, load_document
 from neurorobo.config.faults import faults_of, raise_faults, validation_error
 from neurorobo.config.overrides import apply_overrides
-from neurorobo.config.plugged import REGISTRY, Plugged, validation_context
+from neurorobo.config.plugged_reader import REGISTRY, validation_context
 from neurorobo.errors import ConfigError, Fault, NeuroroboError
 from neurorobo.graph.spec import RepeatSpec, StepSpec
-from neurorobo.learning.phase import LARGEST_SEED
+from neurorobo.plugged_field import Plugged
 from neurorobo.plugins import Registry
 from neurorobo.regions import RegionConfig
+from neurorobo.seeds import LARGEST_SEED
 from neurorobo.tasks import TaskConfig
 from neurorobo.units import Duration
-
-__all__ = ["Episode", "Experiment", "load_experiment", "raise_faults"]
 
 
 def _name(text: str) -> str:

@@ -1,80 +1,92 @@
-"""From an experiment file to the things that run: plan, brain, body and task."""
+"""From an experiment file to the things that run: brain, body and task."""
 
 import hashlib
-from collections.abc import Iterable
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import torch
 
-from neurorobo.config.experiment import Experiment, raise_faults
+from neurorobo.bodies import BodyConfig
+from neurorobo.config.experiment import Experiment
+from neurorobo.config.faults import raise_faults
 from neurorobo.errors import ConfigError, Fault, NeuroroboError
 from neurorobo.experiment.plan import build_plan
 from neurorobo.graph.brain import Brain
 from neurorobo.graph.plan import Plan
+from neurorobo.learning.phase import DataConfig
 from neurorobo.plugins.imports import import_target
 from neurorobo.regions import RegionConfig
 from neurorobo.regions.region import Region
 from neurorobo.regions.weights import load_weights, pretrained_path
+from neurorobo.tasks import TaskConfig
 from neurorobo.tasks.task import Task
 
-implementation = import_target
-"""Returns the class that a configuration names as its ``implementation``."""
+
+def build(config: RegionConfig | BodyConfig | TaskConfig | DataConfig, *arguments: object) -> Any:
+    """Build what a configuration describes, of it and ``arguments``.
+
+    Raises a NeuroroboError if its implementation cannot be imported, refuses its settings (a ValueError, such as
+    layers and synapses raise for impossible sizes), or lacks a file.
+    """
+    implementation = import_target(config.implementation)
+    try:
+        return implementation(config, *arguments)
+    except (ValueError, OSError) as error:
+        raise NeuroroboError(f"cannot be built: {error}") from error
 
 
 def build_region(config: RegionConfig, experiment: Experiment, generator: torch.Generator) -> Region:
-    """Build one region without loading weights; a ConfigError if what it is configured to be cannot be built."""
-    try:
-        region: Region = implementation(config.implementation)(config, experiment.clock, generator)
-    except ValueError as error:  # layers and synapses refuse impossible sizes
-        raise ConfigError([Fault((), f"cannot be built: {error}")]) from error
+    """Build one region without loading weights; raises NeuroroboError as `build` does."""
+    region: Region = build(config, experiment.clock, generator)
     return region
 
 
 def build_brain(experiment: Experiment, plan: Plan | None = None) -> Brain:
-    """Build every region that the steps use, with its weights; fresh ones come from the experiment's seed and the
-    region's name.
+    """Build every region that the steps use, with its weights.
 
-    Raises :class:`ConfigError` with the place of every region that cannot be built and weights file that cannot be
-    used.
+    Fresh weights come from the experiment's seed and the region's name. Raises :class:`ConfigError` with the place of
+    every region that cannot be built and weights file that cannot be used.
     """
     plan = plan or build_plan(experiment)
     faults: list[Fault] = []
     regions: dict[str, Region] = {}
-    for name in dict.fromkeys(use.region for use in plan.uses()):
+    for name in _used(plan):
         config = experiment.regions[name]
-        try:
-            region = build_region(config, experiment, _generator(experiment.seed, name))
-        except ConfigError as error:
-            faults += error.under("regions", name).faults
-            continue
-        try:
-            if config.weights is not None:
-                load_weights(region, weights_file(config, experiment))
-        except NeuroroboError as error:
-            faults.append(Fault(("regions", name, "weights"), str(error)))
-        regions[name] = region.eval()
+        with noting(faults, "regions", name):
+            regions[name] = build_region(config, experiment, _generator(experiment.seed, name)).eval()
+        if name in regions and config.weights is not None:
+            with noting(faults, "regions", name, "weights"):
+                load_weights(regions[name], weights_file(config, experiment))
     raise_faults(experiment.document, faults)
     return Brain(plan, regions)
 
 
 def build_task(experiment: Experiment) -> Task[Any] | None:
-    """Build body and task, or nothing if the experiment has no body."""
-    if experiment.body is None:
+    """Build body and task, or nothing if the experiment has no body; a ConfigError with the place of what cannot be."""
+    if experiment.body is None or experiment.task is None:  # a file has both or neither
         return None
-    if experiment.task is None:
-        raise ConfigError(
-            [Fault(("task",), "a body needs a task that says when an episode ends; add `task: {type: ...}`")]
-        )
-    body = implementation(experiment.body.implementation)(experiment.body)
-    task: Task[Any] = implementation(experiment.task.implementation)(experiment.task, body)
+    faults: list[Fault] = []
+    body = task = None
+    with noting(faults, "body"):
+        body = build(experiment.body)
+    if body is not None:
+        with noting(faults, "task"):
+            task = build(experiment.task, body)
+    raise_faults(experiment.document, faults)
     return task
 
 
-def _generator(seed: int, name: str) -> torch.Generator:
-    """Return a generator of a region's own, so that two of one type do not get the same weights."""
-    digest = hashlib.sha256(f"{seed}/{name}".encode()).digest()
-    return torch.Generator().manual_seed(int.from_bytes(digest[:8], "big"))
+@contextmanager
+def noting(faults: list[Fault], *path: str | int) -> Iterator[None]:
+    """Turn what the user can cure into faults at a place of the file."""
+    try:
+        yield
+    except ConfigError as error:
+        faults += error.under(*path).faults
+    except NeuroroboError as error:
+        faults.append(Fault(path, str(error)))
 
 
 def weights_file(config: RegionConfig, experiment: Experiment) -> Path:
@@ -84,9 +96,21 @@ def weights_file(config: RegionConfig, experiment: Experiment) -> Path:
     return (Path(experiment.document.source).parent / Path(config.weights or "").expanduser()).resolve()
 
 
-def untrained(experiment: Experiment) -> Iterable[str]:
-    """Yield the names of regions that spike and have no weights yet, for a warning."""
-    for name, config in experiment.regions.items():
+def untrained(experiment: Experiment, plan: Plan) -> Iterator[str]:
+    """Yield the names of regions in use that spike and have no weights yet, for a warning."""
+    for name in _used(plan):
+        config = experiment.regions[name]
         ports = [*config.inputs(experiment.clock).values(), *config.outputs(experiment.clock).values()]
         if config.weights is None and any(port.code for port in ports):
             yield name
+
+
+def _used(plan: Plan) -> list[str]:
+    """Return the names of the regions that the steps use, in the order of their first use."""
+    return list(dict.fromkeys(use.region for use in plan.uses()))
+
+
+def _generator(seed: int, name: str) -> torch.Generator:
+    """Return a generator of a region's own, so that two of one type do not get the same weights."""
+    digest = hashlib.sha256(f"{seed}/{name}".encode()).digest()
+    return torch.Generator().manual_seed(int.from_bytes(digest[:8], "big"))

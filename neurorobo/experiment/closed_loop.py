@@ -9,12 +9,13 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from neurorobo.bodies import Array, Supervisor
+from neurorobo.bodies import Array
 from neurorobo.errors import NeuroroboError
-from neurorobo.experiment.recorder import Recorder, Sample
+from neurorobo.experiment.recorder import Counts, Recorder, Sample
 from neurorobo.graph.brain import Brain
 from neurorobo.graph.plan import Edge, Use
 from neurorobo.regions.region import Probe
+from neurorobo.tasks.supervised import SupervisedTask
 from neurorobo.tasks.task import Flags, Task
 
 Metrics = dict[str, float]
@@ -22,11 +23,11 @@ Metrics = dict[str, float]
 
 @dataclass(frozen=True)
 class EpisodeResult:
-    """One episode: its seed, the task's metrics, and the mean firing rate of each region (spikes per neuron and step,
-    0..1).
+    """One episode: its seed, the task's metrics, and the mean firing rate of each region.
 
-    Rates count the neurons inside and at the output of a region, not those of the input code. ``saturations`` counts,
-    for each ``<step>.<input>`` where there were any, the components of values out of the range of the input's code.
+    Rates are spikes per neuron and step, 0..1, and count the neurons inside and at the output of a region, not those of
+    the input code. ``saturations`` counts, for each ``<step>.<input>`` where there were any, the components of values
+    out of the range of the input's code.
     """
 
     seed: int
@@ -55,18 +56,16 @@ def run_episodes(
     tick_ns = brain.plan.clock.tick_ns
     batch = len(seeds)
     running: Flags = np.ones(batch, dtype=np.bool_)
-    supervisor = None if task is None else Supervisor(task.body)
+    supervised = None if task is None else SupervisedTask(task)
     watch = _Watch(batch, any(recorder.wants_spikes for recorder in recorders))
     state = brain.init_state(seeds)
     with torch.inference_mode(), _stopped_at_the_end(task):
-        if task is not None and supervisor is not None:
-            task.body.reset(seeds)
-            task.reset(batch)
-            supervisor.reset(batch)
+        if supervised is not None:
+            supervised.reset(seeds, batch)
         while running.any() and (duration_ns is None or state.tick * tick_ns < duration_ns):
             progress(state.tick, int(running.sum()))
             tick = state.tick
-            observation = {} if task is None else task.body.read()
+            observation = {} if supervised is None else supervised.body.read()
             _check(observation, running)
             watch.begin(running)
             # Of episodes that have ended, a sensor may report anything; what the brain makes of it does not matter.
@@ -74,25 +73,32 @@ def run_episodes(
             numbers = {name: torch.as_tensor(value, dtype=torch.float32) for name, value in finite.items()}
             commands, state = brain.tick(numbers, state, watch)
             given: Mapping[str, Array] = {}
+            interventions: Mapping[str, Counts] = {}
             ended = np.zeros(batch, dtype=np.bool_)
-            if task is not None and supervisor is not None:
+            if supervised is not None:
                 wanted = {name: value.numpy().astype(np.float64) for name, value in commands.items()}
-                given = supervisor.advance(wanted, tick_ns, running)
-                task.observe(tick_ns, running)
-                ended = task.terminated() | task.truncated()
+                given, ended = supervised.step(wanted, tick_ns, running)
+                interventions = supervised.supervisor.latest
             sample = Sample(
-                tick, tick * tick_ns * 1e-9, running, observation, given, watch.outputs, watch.spikes, seeds
+                tick=tick,
+                time_s=tick * tick_ns * 1e-9,
+                running=running,
+                observation=observation,
+                given=given,
+                interventions=interventions,
+                outputs=watch.outputs,
+                spikes=watch.spikes,
+                seeds=seeds,
             )
             for recorder in recorders:
                 recorder.sample(sample)
             running = running & ~ended
-    metrics: Sequence[Metrics] = [{} for _ in seeds] if task is None else task.metrics()
+    metrics: Sequence[Metrics] = [{} for _ in seeds] if supervised is None else supervised.metrics()
     results = []
     for i, seed in enumerate(seeds):
-        interventions = {} if supervisor is None else {"command_interventions": float(supervisor.interventions[i])}
         rates = {region: float(rate[i]) for region, rate in watch.firing_rates().items()}
         saturations = {place: n for place, count in watch.saturations.items() if (n := int(count[i]))}
-        results.append(EpisodeResult(seed, {**metrics[i], **interventions}, rates, saturations))
+        results.append(EpisodeResult(seed, metrics[i], rates, saturations))
     return results
 
 

@@ -2,23 +2,24 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 from pydantic import BaseModel
 
-from neurorobo.config.experiment import Experiment, raise_faults
-from neurorobo.config.plugged import read_plugged
+from neurorobo.config.experiment import Experiment
+from neurorobo.config.faults import raise_faults
+from neurorobo.config.plugged_reader import read_plugged
 from neurorobo.errors import ConfigError, Fault, did_you_mean
 from neurorobo.learning.phase import DataConfig, Phase
 from neurorobo.plugins import Registry
 from neurorobo.regions import RegionConfig
+from neurorobo.regions.config import checked_ports
 
 
 @dataclass(frozen=True)
 class Lesson:
     """One phase, the configuration of the pupil that it names, and of each of its parts, such as ``teacher``."""
 
-    phase: Any  # a Phase; what else is in it, only its rule knows
+    phase: Phase
     pupil: RegionConfig
     parts: Mapping[str, BaseModel]
 
@@ -51,6 +52,7 @@ def read_lessons(experiment: Experiment, registry: Registry) -> list[Lesson]:
 
 
 def _read(phase: BaseModel, experiment: Experiment, registry: Registry) -> Lesson:
+    """Check one phase; the paths of its faults start at the phase."""
     if not isinstance(phase, Phase):
         message = f"a {type(phase).__name__} cannot be run by `neurorobo train`; its author has to derive it from Phase"
         raise ConfigError([Fault(("phase",), message)])
@@ -63,11 +65,16 @@ def _read(phase: BaseModel, experiment: Experiment, registry: Registry) -> Lesso
     parts: dict[str, BaseModel] = {}
     for key, kind in phase.parts.items():
         try:
-            parts[key] = read_plugged(kind, getattr(phase, key), registry)
+            parts[key] = part = read_plugged(kind, getattr(phase, key), registry)
+            if isinstance(part, RegionConfig):
+                checked_ports(part, experiment.clock)
         except ConfigError as error:
             faults += error.under(key).faults
-    if not faults:
-        clock = experiment.clock
-        phase.check(pupil.inputs(clock), pupil.outputs(clock), clock, parts)
-        return Lesson(phase, pupil, parts)
-    raise ConfigError(faults)
+    if faults:
+        raise ConfigError(faults)
+    try:
+        inputs, outputs = checked_ports(pupil, experiment.clock)
+    except ConfigError as error:
+        raise error.under("region") from error
+    phase.check(inputs, outputs, experiment.clock, parts)
+    return Lesson(phase, pupil, parts)

@@ -1,6 +1,7 @@
 """The plan of an experiment, checked and compiled without building any network."""
 
-from neurorobo.config.experiment import Experiment, raise_faults
+from neurorobo.config.experiment import Experiment
+from neurorobo.config.faults import raise_faults
 from neurorobo.errors import ConfigError
 from neurorobo.graph.compile import compile_graph
 from neurorobo.graph.plan import Plan

@@ -6,11 +6,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, ClassVar
 
+import numpy as np
+from numpy.typing import NDArray
 from torch import Tensor
 
 from neurorobo.bodies import Array
 from neurorobo.graph.plan import Plan
 from neurorobo.tasks.task import Flags, Task
+
+Counts = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
@@ -28,10 +32,12 @@ class Setting:
 class Sample:
     """One tick of a run, batch first; arrays are those of the moment and must be copied to be kept.
 
-    ``observation`` was read at the tick's start, ``given`` is what the body carried out until its end. ``outputs``
-    holds, for each step that ran, its ports as numbers (batch, width), of its last iteration if it repeats.
-    ``spikes`` holds (steps, batch, neurons) by step and layer, for recorders that want them. ``seeds`` are those of
-    this batch; of a large run, one batch follows the other, each from tick 0.
+    ``observation`` was read at the tick's start, ``given`` is what the body carried out until its end, and
+    ``interventions`` counts, for each actuator (batch), how often the command layer had to change it for that: new
+    commands and held ones, the latter when they are changed further than before. ``outputs`` holds, for each step that
+    ran, its ports as numbers (batch, width), of its last iteration if it repeats. ``spikes`` holds (steps, batch,
+    neurons) by step and layer, for recorders that want them. ``seeds`` are those of this batch; of a large run, one
+    batch follows the other, each from tick 0.
     """
 
     tick: int
@@ -39,9 +45,10 @@ class Sample:
     running: Flags
     observation: Mapping[str, Array]
     given: Mapping[str, Array]
+    interventions: Mapping[str, Counts]
     outputs: Mapping[str, Mapping[str, Tensor]]
     spikes: Mapping[str, Mapping[str, Tensor]]
-    seeds: Sequence[int] = ()
+    seeds: Sequence[int]
 
 
 class Recorder(ABC):
@@ -62,4 +69,7 @@ class Recorder(ABC):
 
     @abstractmethod
     def finish(self) -> Path | None:
-        """Write what was kept, and return the file; called once, also if the run was interrupted."""
+        """Write what was kept, and return the file; called once, also if the run was interrupted.
+
+        An OSError is told to the user as what cannot be written.
+        """

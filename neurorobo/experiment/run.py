@@ -9,14 +9,17 @@ from typing import Any
 
 from neurorobo.config.document import dump
 from neurorobo.config.experiment import Experiment
+from neurorobo.errors import NeuroroboError
 from neurorobo.experiment.build import build_brain, build_task, untrained, weights_file
 from neurorobo.experiment.closed_loop import run_episodes
 from neurorobo.experiment.plan import build_plan
 from neurorobo.experiment.recorder import Recorder, Setting
 from neurorobo.experiment.run_folder import RunFolder, new_folder_path
 from neurorobo.experiment.summary import summarise
+from neurorobo.files import writing
 from neurorobo.graph.plan import Plan
 from neurorobo.plugins import Registry
+from neurorobo.plugins.imports import described
 
 LARGEST_BATCH = 100
 """Episodes run side by side; more of them follow in further batches, to bound the memory."""
@@ -38,16 +41,18 @@ def run_experiment(
     out: Path | None = None,
     *,
     record: Sequence[str] | None = None,
+    command: str | None = None,
     progress: Callable[[int, int], None] = lambda tick, running: None,
 ) -> FinishedRun:
     """Run one episode per seed and write a run folder.
 
-    ``record`` replaces the recorders that the file names; ``progress`` is told each tick and how many still run. An
-    interrupted run keeps what was recorded; its ``run.json`` says ``interrupted``.
+    ``record`` replaces the recorders that the file names; ``command`` is what was typed, for ``run.json``;
+    ``progress`` is told each tick and how many still run. An interrupted run keeps what was recorded; its ``run.json``
+    says ``interrupted``. Raises ConfigError for what cannot be built, NeuroroboError for what cannot be written.
     """
     plan = build_plan(experiment)
     brain = build_brain(experiment, plan)
-    for name in untrained(experiment):
+    for name in untrained(experiment, plan):
         print(f"note: the region `{name}` has no `weights`; it runs with fresh ones", file=sys.stderr)
     task = build_task(experiment)
     path = out or new_folder_path(Path("runs"), experiment.name, experiment.config_hash)
@@ -56,6 +61,7 @@ def run_experiment(
         given=experiment.document.text,
         resolved=dump(_resolved(experiment)),
         seeds=seeds,
+        command=command,
         weights=_fingerprints(experiment, plan),
         plugins={plugin.name: plugin.version for plugin in registry.plugins() if plugin.status == "loaded"},
     )
@@ -78,25 +84,30 @@ def run_experiment(
             )
         summary = summarise(results, frozenset() if task is None else task.higher_is_better)
         folder.write_summary(summary)
-        files = _finish(recorders)
+        files = _finish(recorders, path)
     except BaseException as error:
         try:
-            _finish(recorders)
+            _finish(recorders, path)
         except Exception as second:
-            print(f"note: a recorder failed too: {second!r}", file=sys.stderr)
-        folder.finish("interrupted" if isinstance(error, KeyboardInterrupt) else "failed")
+            print(f"note: a recorder failed too: {described(second)}", file=sys.stderr)
+        try:
+            folder.finish("interrupted" if isinstance(error, KeyboardInterrupt) else "failed")
+        except NeuroroboError as second:  # the disk may be full, which must not hide the first error
+            print(f"note: {second}", file=sys.stderr)
         raise
     folder.finish("finished")
     registry.call("neurorobo_run_finished", folder=path, summary=summary)
     return FinishedRun(folder, summary, files)
 
 
-def _finish(recorders: list[Recorder]) -> list[Path]:
+def _finish(recorders: list[Recorder], folder: Path) -> list[Path]:
     """Finish every recorder, each once, and return their files; raise the first error when all have been asked."""
     files, errors = [], []
     while recorders:
+        recorder = recorders.pop(0)
         try:
-            file = recorders.pop(0).finish()
+            with writing(folder):
+                file = recorder.finish()
         except Exception as error:
             errors.append(error)
         else:

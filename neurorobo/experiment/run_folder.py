@@ -1,10 +1,8 @@
 """The run folder: all that is needed to know what was run, and to run it again."""
 
 import json
-import os
 import platform
 import subprocess
-import sys
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from importlib.metadata import PackageNotFoundError, version
@@ -12,15 +10,16 @@ from pathlib import Path
 from typing import Any
 
 from neurorobo.errors import NeuroroboError
+from neurorobo.files import write_whole, writing
 
 VERSIONED = ("neurorobo", "torch", "numpy", "snntorch", "gymnasium", "rerun-sdk", "pydantic")
 
 
 class RunFolder:
-    """A folder with ``config.yaml`` (as given), ``config.resolved.yaml`` (complete), ``run.json`` and what the run
-    adds.
+    """A folder with all that a run was made of, and what it leaves.
 
-    ``run.json`` says ``status: running | finished | interrupted | failed``, versions, seeds, the command and the times.
+    It holds ``config.yaml`` (as given), ``config.resolved.yaml`` (complete) and ``run.json``, which says
+    ``status: running | finished | interrupted | failed``, versions, seeds, the command if it was typed, and the times.
     """
 
     def __init__(self, path: Path) -> None:
@@ -35,20 +34,17 @@ class RunFolder:
         given: str,
         resolved: str,
         seeds: Sequence[int],
+        command: str | None,
         weights: Mapping[str, str],
         plugins: Mapping[str, str],
     ) -> "RunFolder":
-        """Make a new folder; raise :class:`NeuroroboError` if one with a run in it is there already."""
+        """Make a new folder; a NeuroroboError if it holds a run already, or cannot be written."""
         if (path / "run.json").exists():
             raise NeuroroboError(f"{path} already holds a run; give another folder with `--out`, or remove it")
-        try:
+        with writing(path):
             path.mkdir(parents=True, exist_ok=True)
             (path / "config.yaml").write_text(given, encoding="utf-8")
             (path / "config.resolved.yaml").write_text(resolved, encoding="utf-8")
-        except OSError as error:
-            raise NeuroroboError(
-                f"{path} cannot be written ({error.strerror}); choose another folder with `--out`"
-            ) from None
         folder = cls(path)
         folder._write_run(
             {
@@ -56,7 +52,7 @@ class RunFolder:
                 "started": _now(),
                 "ended": None,
                 "seeds": list(seeds),
-                "command": " ".join(["neurorobo", *sys.argv[1:]]),
+                "command": command,
                 "python": platform.python_version(),
                 "platform": platform.platform(),
                 "versions": {name: found for name in VERSIONED if (found := _version(name))},
@@ -118,10 +114,8 @@ def new_folder_path(base: Path, name: str, config_hash: str) -> Path:
 
 
 def write_json(path: Path, content: Mapping[str, Any]) -> None:
-    """Write JSON, replacing the file at once or not at all."""
-    temporary = path.with_name(path.name + ".part")
-    temporary.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-    os.replace(temporary, path)
+    """Write JSON, replacing the file at once or not at all; a NeuroroboError if it cannot be written."""
+    write_whole(path, (json.dumps(content, indent=2, allow_nan=False) + "\n").encode())
 
 
 def _is_figure(value: object) -> bool:

@@ -1,35 +1,40 @@
 """Training an experiment: its phases in order, resumable, into a folder of weights."""
 
+import hashlib
 import json
-import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import torch
 
-from neurorobo.config.experiment import Experiment, raise_faults
-from neurorobo.errors import ConfigError, Fault, NeuroroboError
-from neurorobo.experiment.build import build_region, implementation
+from neurorobo.config.experiment import Experiment
+from neurorobo.config.faults import raise_faults
+from neurorobo.errors import Fault, NeuroroboError
+from neurorobo.experiment.build import build, build_region, noting
 from neurorobo.experiment.lessons import Lesson
 from neurorobo.experiment.run_folder import write_json
-from neurorobo.learning.phase import Phase
-from neurorobo.learning.supervise import Checkpoints, Progress, plain
+from neurorobo.files import make_folder
+from neurorobo.learning.checkpoint import Checkpoints
+from neurorobo.learning.phase import DataConfig, Phase
+from neurorobo.learning.supervise import Progress
+from neurorobo.plugins.imports import import_target
 from neurorobo.regions import RegionConfig
 from neurorobo.regions.region import Region
 from neurorobo.regions.weights import load_weights, save_weights
 
-__all__ = ["PhaseReport", "plain", "train_experiment"]
-
 REPORT = "training.json"
+CHECKPOINTS = "checkpoints"
 
 
 @dataclass(frozen=True)
 class PhaseReport:
-    """How a phase went: its place in the list, the region, its seed, the time that all its sessions took together, and
-    what the examination of its rule found."""
+    """How a phase went.
+
+    Its place in the list, the region, its seed, the time that all its sessions took together, and what the examination
+    of its rule found.
+    """
 
     index: int
     region: str
@@ -50,103 +55,147 @@ def train_experiment(
 
     ``folder`` gets ``<region>.safetensors`` for each trained region, ``training.json`` with the evaluations, and
     checkpoints of the unfinished phase. Called again with the same folder it goes on where it stopped; Ctrl-C loses
-    nothing. Raises a ConfigError before any training if a phase cannot be run, and a NeuroroboError if the folder
-    holds a phase that was trained by other settings.
+    nothing. Before any training it raises a ConfigError if a phase cannot be run, and a NeuroroboError if the folder
+    cannot be written, or holds a phase that was trained by other settings or from other weights.
     """
     unknown = set(only) - {lesson.phase.region for lesson in lessons}
     if unknown:
         raise NeuroroboError(f"no training phase is about {', '.join(sorted(unknown))}; see `train` in the file")
     chosen = {i: lesson for i, lesson in enumerate(lessons) if not only or lesson.phase.region in only}
-    regions, parts = _build(experiment, chosen)
+    courses = _build(experiment, chosen)
+    for place in (folder, folder / CHECKPOINTS):
+        make_folder(place)
     earlier = _earlier_reports(folder, lessons)
+    files = _Files(folder, chosen)
+    for index in chosen:
+        files.check(index, courses[index].region)
     reports = []
-    for index, lesson in chosen.items():
-        phase: Phase = lesson.phase
-        region = regions[phase.region]
-        done = folder / f"phase{index}_{phase.region}.safetensors"
-        checkpoints = Checkpoints(folder / "checkpoints" / f"phase{index}.safetensors")
-        spent = checkpoints.file.with_suffix(".seconds")
-        settings = json.dumps(phase.model_dump(mode="json"), sort_keys=True)
-        if not done.exists():
-            with _timed(spent):
-                implementation(phase.implementation)(
-                    region=region,
-                    phase=phase,
-                    generator=torch.Generator().manual_seed(phase.seed),
-                    report=lambda progress, index=index: report(index, progress),
-                    checkpoints=checkpoints,
-                    **parts[index],
-                )
-            save_weights(region, done, {"phase": str(index), "seconds": spent.read_text(), "phase_config": settings})
-        notes = load_weights(region, done)
-        # A file of an earlier version does not say how it was trained.
-        if notes.get("phase_config", settings) != settings:
-            raise NeuroroboError(
-                f"{done} was trained by other settings than those of `train.{index}`; remove it and those of the later "
-                f"phases of `{phase.region}`, or choose another folder with `--out`"
+    for index, course in courses.items():
+        phase, region = course.phase, course.region
+        if not files.weights(index).exists():
+            checkpoints = Checkpoints(files.checkpoint(index), after=files.after(index))
+            course.rule(
+                region=region,
+                phase=phase,
+                generator=torch.Generator().manual_seed(phase.seed),
+                report=lambda progress, index=index: report(index, progress),
+                checkpoints=checkpoints,
+                **course.parts,
             )
-        for file in (checkpoints.file, spent):
-            file.unlink(missing_ok=True)
+            notes = {**files.notes(index), "seconds": f"{checkpoints.seconds:.1f}"}
+            save_weights(region, files.weights(index), notes)
+        notes = load_weights(region, files.weights(index))
+        files.checkpoint(index).unlink(missing_ok=True)
         found: Mapping[str, Any] = {}
-        if phase.examination is not None:
+        if course.examine is not None:
             examiner = torch.Generator().manual_seed(phase.seed + 1_000_003)
-            found = implementation(phase.examination)(region=region, phase=phase, generator=examiner, **parts[index])
+            found = course.examine(region=region, phase=phase, generator=examiner, **course.parts)
         reports.append(PhaseReport(index, phase.region, phase.seed, float(notes["seconds"]), found))
-    for name, region in regions.items():
+    for name, region in {course.phase.region: course.region for course in courses.values()}.items():
         save_weights(region, folder / f"{name}.safetensors", {"experiment": experiment.config_hash})
     phases = earlier | {report.index: vars(report) for report in reports}
     write_json(folder / REPORT, {"phases": [phases[index] for index in sorted(phases)]})
     return reports
 
 
-def _build(
-    experiment: Experiment, lessons: Mapping[int, Lesson]
-) -> tuple[dict[str, Region], dict[int, dict[str, object]]]:
+@dataclass(frozen=True)
+class _Course:
+    """A phase with all that was built for it; the phases of one region share the region."""
+
+    phase: Phase
+    region: Region
+    parts: Mapping[str, object]
+    rule: Callable[..., None]
+    examine: Callable[..., Mapping[str, Any]] | None
+
+
+def _build(experiment: Experiment, lessons: Mapping[int, Lesson]) -> dict[int, _Course]:
     """Build every region that learns, and what each phase trains it with; raise all faults with their places."""
     faults: list[Fault] = []
     regions: dict[str, Region] = {}
-    parts: dict[int, dict[str, object]] = {}
+    courses = {}
     for index, lesson in lessons.items():
-        phase: Phase = lesson.phase
-        with _noting(faults, "regions", phase.region):
-            if phase.region not in regions:
+        phase = lesson.phase
+        if phase.region not in regions:
+            with noting(faults, "regions", phase.region):
                 start = torch.Generator().manual_seed(phase.seed)
                 regions[phase.region] = build_region(lesson.pupil, experiment, start)
         if phase.region in regions:
-            with _noting(faults, "train", index):
+            with noting(faults, "train", index):
                 phase.check_groups(regions[phase.region].parameter_groups())
-        parts[index] = {}
+        parts: dict[str, object] = {}
         for key, config in lesson.parts.items():
-            with _noting(faults, "train", index, key):
+            with noting(faults, "train", index, key):
                 if isinstance(config, RegionConfig):
-                    parts[index][key] = build_region(config, experiment, torch.Generator())
+                    parts[key] = build_region(config, experiment, torch.Generator())
                 else:
-                    parts[index][key] = implementation(config.implementation)(config, experiment.clock)  # type: ignore[attr-defined] # every part has one
+                    assert isinstance(config, DataConfig)
+                    parts[key] = build(config, experiment.clock)
+        with noting(faults, "train", index):
+            rule = import_target(phase.implementation)
+            examine = None if phase.examination is None else import_target(phase.examination)
+            if phase.region in regions:
+                courses[index] = _Course(phase, regions[phase.region], parts, rule, examine)
     raise_faults(experiment.document, faults)
-    return regions, parts
+    return courses
 
 
-@contextmanager
-def _noting(faults: list[Fault], *path: str | int) -> Iterator[None]:
-    """Turn what the user can cure into faults at a place of the file."""
-    try:
-        yield
-    except ConfigError as error:
-        faults += error.under(*path).faults
-    except NeuroroboError as error:
-        faults.append(Fault(path, str(error)))
+@dataclass(frozen=True)
+class _Files:
+    """The files of the phases in a training folder, and how each depends on the one before."""
 
+    folder: Path
+    lessons: Mapping[int, Lesson]
 
-@contextmanager
-def _timed(file: Path) -> Iterator[None]:
-    """Add the time that the block takes to that of earlier sessions in a file, also if it is interrupted."""
-    before = float(file.read_text()) if file.exists() else 0.0
-    started = time.monotonic()
-    try:
-        yield
-    finally:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_text(f"{before + time.monotonic() - started:.1f}")
+    def weights(self, index: int) -> Path:
+        """Return the weights that a finished phase leaves."""
+        return self.folder / f"phase{index}_{self.lessons[index].phase.region}.safetensors"
+
+    def checkpoint(self, index: int) -> Path:
+        """Return the checkpoint of a phase while it is unfinished."""
+        return self.folder / CHECKPOINTS / f"phase{index}.safetensors"
+
+    def after(self, index: int) -> str:
+        """Return the SHA-256 of the weights file that a phase goes on from, or nothing for a region's first phase."""
+        before = self._before(index)
+        return "" if before is None else hashlib.sha256(self.weights(before).read_bytes()).hexdigest()
+
+    def notes(self, index: int) -> dict[str, str]:
+        """Return what the weights file of a phase says of how it was trained."""
+        settings = json.dumps(self.lessons[index].phase.model_dump(mode="json"), sort_keys=True)
+        return {"phase": str(index), "phase_config": settings, "after": self.after(index)}
+
+    def check(self, index: int, region: Region) -> None:
+        """Raise a NeuroroboError if the files of a phase belong to other settings or other earlier weights."""
+        mine, before = self.weights(index), self._before(index)
+        there = [file for file in (mine, self.checkpoint(index)) if file.exists()]
+        if there and before is not None and not self.weights(before).exists():
+            raise NeuroroboError(
+                f"{there[0]} goes on from {self.weights(before).name}, which is gone; remove it too, or bring that "
+                "file back, or choose another folder with `--out`"
+            )
+        if not mine.exists():
+            return
+        found, wanted = load_weights(region, mine), self.notes(index)
+        if not wanted.keys() <= found.keys():
+            difference = "by another version, which does not say how"
+        elif found["phase_config"] != wanted["phase_config"]:
+            difference = f"by other settings than those of `train.{index}`"
+        elif found["after"] != wanted["after"]:
+            difference = "from other weights than the phase before it has left"
+        else:
+            return
+        raise NeuroroboError(
+            f"{mine} was trained {difference}; remove it and those of the later phases of "
+            f"`{self.lessons[index].phase.region}`, or choose another folder with `--out`"
+        )
+
+    def _before(self, index: int) -> int | None:
+        """Return the last phase before this one that trains the same region."""
+        region = self.lessons[index].phase.region
+        return max(
+            (i for i, lesson in self.lessons.items() if i < index and lesson.phase.region == region), default=None
+        )
 
 
 def _earlier_reports(folder: Path, lessons: Sequence[Lesson]) -> dict[int, Mapping[str, Any]]:

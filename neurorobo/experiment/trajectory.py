@@ -1,11 +1,13 @@
 """The trajectory of a run: every number of every tick, as one Parquet table."""
 
+import re
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
 from neurorobo.bodies import Array
-from neurorobo.experiment.recorder import Recorder, Sample, Setting
+from neurorobo.experiment.recorder import Counts, Recorder, Sample, Setting
 
 FILE = "trajectory.parquet"
 
@@ -15,7 +17,8 @@ class TrajectoryRecorder(Recorder):
 
     Columns are ``seed``, ``tick``, ``time_s``, then ``body.<sensor>``, ``command.<actuator>`` and ``<step>.<port>``,
     with ``.0``, ``.1`` … where a quantity has several components; a step that did not run at a tick leaves its
-    columns empty there. The column metadata carry the units.
+    columns empty there. ``command.<actuator>.interventions`` is 1 where the command had to be changed, else 0. The
+    column metadata carry the units.
     """
 
     def __init__(self, setting: Setting) -> None:
@@ -38,7 +41,11 @@ class TrajectoryRecorder(Recorder):
             "tick": np.full(running.sum(), sample.tick),
             "time_s": np.full(running.sum(), sample.time_s),
         }
-        groups = {"body": sample.observation, "command": sample.given}
+        changed = {f"{name}.interventions": count[:, None] for name, count in sample.interventions.items()}
+        groups: dict[str, Mapping[str, Array | Counts]] = {
+            "body": sample.observation,
+            "command": {**sample.given, **changed},
+        }
         groups |= {
             step: {name: value.numpy() for name, value in outputs.items()} for step, outputs in sample.outputs.items()
         }
@@ -62,7 +69,7 @@ class TrajectoryRecorder(Recorder):
         for name in names:
             parts = [row.get(name, np.full(len(row["seed"]), np.nan)) for row in self._rows]
             array = pyarrow.array(np.concatenate(parts), from_pandas=True)  # NaN becomes null
-            unit = self._units.get(".".join(name.split(".")[:2]))
+            unit = self._units.get(re.sub(r"\.\d+$", "", name))
             fields.append(pyarrow.field(name, array.type, metadata={"unit": unit} if unit else None))
             arrays.append(array)
         table = pyarrow.table(arrays, schema=pyarrow.schema(fields)).sort_by(

@@ -11,8 +11,8 @@ from neurorobo.codes import Code
 from neurorobo.errors import NeuroroboError
 from neurorobo.graph.compile import BODY
 from neurorobo.graph.plan import Edge, Plan, Repeat, Use
-from neurorobo.regions import Port
 from neurorobo.regions.region import Probe, Region, State
+from neurorobo.regions.values import convert, initial_value
 
 _PREFIX = "region_"
 
@@ -29,7 +29,7 @@ class Observer(Protocol):
     def saturated(self, edge: Edge, count: Tensor) -> None:
         """Take how many components of a value, ``count`` (batch), were out of the range of the code they went into.
 
-        Called each time that an edge encodes or recodes.
+        Called each time that an edge encodes or recodes; a sensor's value is encoded only where it is read.
         """
 
 
@@ -48,13 +48,18 @@ class BrainState:
     random: Tensor
 
     def tensors(self) -> dict[str, Tensor]:
-        """Return the state as named tensors, for a checkpoint; :meth:`from_tensors` is its inverse."""
+        """Return the state as named tensors that share no memory, as safetensors wants them.
+
+        ``safetensors.torch.save_file(state.tensors(), path)`` writes a checkpoint,
+        ``BrainState.from_tensors(safetensors.torch.load_file(path))`` is the state that was written.
+        """
         regions = {
             f"region/{name}/{key}": value for name, state in self.regions.items() for key, value in state.items()
         }
         buffers = {f"edge/{name}/{i}": value for name, values in self.buffers.items() for i, value in enumerate(values)}
         clock = {"tick": torch.tensor(self.tick), "batch": torch.tensor(self.batch), "random": self.random}
-        return {**clock, **regions, **buffers}
+        named = {**clock, **regions, **buffers}
+        return {name: value.clone(memory_format=torch.contiguous_format) for name, value in named.items()}
 
     @classmethod
     def from_tensors(cls, tensors: Mapping[str, Tensor]) -> "BrainState":
@@ -62,7 +67,7 @@ class BrainState:
         regions: dict[str, State] = {}
         buffers: dict[str, dict[int, Tensor]] = {}
         for name, value in tensors.items():
-            kind, *path = name.split("/")
+            kind, *path = name.split("/", 2)
             if kind == "region":
                 regions.setdefault(path[0], {})[path[1]] = value
             elif kind == "edge":
@@ -168,31 +173,6 @@ class Brain(nn.Module):
         return (initial_value(edge.reader_port, batch, self.plan.clock.window, generators),) * edge.length
 
 
-def initial_value(port: Port, batch: int, steps: int, generators: Sequence[torch.Generator]) -> Tensor:
-    """Return the initial value of a port in the form that it carries; zero, or silence, where it declares none."""
-    if port.initial is None:
-        return torch.zeros((batch, port.width) if port.code is None else (steps, batch, port.channels))
-    return convert(torch.tensor(port.initial).expand(batch, -1), None, port.code, steps, generators)
-
-
-def convert(
-    value: Tensor, source: Code | None, target: Code | None, steps: int, generators: Sequence[torch.Generator]
-) -> Tensor:
-    """Bring a value from one code to another; ``None`` stands for numbers. Recoding counts, requantises and re-emits.
-
-    A stochastic code draws the spikes of each run of the batch from the run's own generator.
-    """
-    if source == target:
-        return value
-    numbers = value if source is None else source.decode(value)
-    if target is None:
-        return numbers
-    if not target.stochastic:
-        return target.encode(numbers, steps)
-    rows = zip(numbers.split(1), generators, strict=True)
-    return torch.cat([target.encode(row, steps, generator) for row, generator in rows], dim=1)
-
-
 def _states(generators: Sequence[torch.Generator], batch: int) -> Tensor:
     """Return the states of a batch's generators as one tensor, a row for each; empty rows if there are none."""
     if not generators:
@@ -246,6 +226,8 @@ class _Moment:
     def push(self, source: str, outputs: Mapping[str, Tensor], *, first: bool = True, last: bool = True) -> None:
         """Put new values of a source into its edges; ``first`` and ``last`` tell the iteration of its repeat."""
         for edge in self.brain.plan.outgoing.get(source, ()):
+            if source == BODY and not edge.reads_sensor_at(self.state.tick):
+                continue
             if (edge.iteration == "first" and not first) or (edge.iteration == "last" and not last):
                 continue
             if edge.output not in outputs:

@@ -11,6 +11,7 @@ from neurorobo.graph.plan import Edge, Plan, Reduction, Repeat, Use
 from neurorobo.graph.reference import Source, parse_reference
 from neurorobo.graph.spec import RepeatSpec, StepSpec
 from neurorobo.regions import Port, RegionConfig
+from neurorobo.regions.config import checked_ports
 from neurorobo.units import UnitError, same_unit
 
 BODY = "body"
@@ -64,7 +65,7 @@ class _Compiler:
     regions: Mapping[str, RegionConfig]
     clock: Clock
     sensors: Mapping[str, Channel]
-    ports: dict[str, tuple[Mapping[str, Port], Mapping[str, Port]] | None] = field(default_factory=dict)
+    ports: dict[str, tuple[Mapping[str, Port], Mapping[str, Port]]] = field(default_factory=dict)
     nodes: dict[str, _Node] = field(default_factory=dict)
     edges: list[Edge] = field(default_factory=list)
     faults: list[Fault] = field(default_factory=list)
@@ -74,6 +75,11 @@ class _Compiler:
     def compile(
         self, steps: Sequence[StepSpec | RepeatSpec], command: Mapping[str, str], actuators: Mapping[str, Channel]
     ) -> Plan:
+        for name, config in self.regions.items():
+            try:
+                self.ports[name] = checked_ports(config, self.clock)
+            except ConfigError as error:
+                self.faults += error.under("regions", name).faults
         body_ports = {name: Port(sensor.unit, sensor.width) for name, sensor in self.sensors.items()}
         self.nodes[BODY] = _Node(BODY, -1, None, 1, body_ports, (BODY,))
         position = 0
@@ -131,25 +137,11 @@ class _Compiler:
                 )
 
     def _ports(self, step: StepSpec) -> tuple[Mapping[str, Port], Mapping[str, Port]] | None:
-        """Return the ports of a step's region, or note once why they cannot be had."""
-        config = self.regions.get(step.use)
-        if config is None:
+        """Return the ports of a step's region, or note that there is no such region."""
+        if step.use not in self.regions:
             known = did_you_mean(step.use, self.regions)
             self._fault((*step.path, "use"), f"there is no region `{step.use}`{known}")
-            return None
-        if step.use not in self.ports:
-            try:
-                inputs, outputs = config.inputs(self.clock), config.outputs(self.clock)
-                for name, port in (*inputs.items(), *outputs.items()):
-                    _check_port(name, port)
-                self.ports[step.use] = inputs, outputs
-            except ConfigError as error:
-                self.ports[step.use] = None
-                self.faults += error.under("regions", step.use).faults
-            except ValueError as error:  # of a port or a code that cannot be
-                self.ports[step.use] = None
-                self._fault(("regions", step.use), str(error))
-        return self.ports[step.use]
+        return self.ports.get(step.use)
 
     def _check_repeat(self, block: RepeatSpec) -> None:
         periods = {step.every for step in block.steps}
@@ -368,18 +360,6 @@ class _Compiler:
                 seen.add(source)
                 stack.append([*chain, source])
         return None
-
-
-def _check_port(name: str, port: Port) -> None:
-    """Raise a ValueError for a unit that does not exist, and for an initial value that its code cannot say."""
-    same_unit(port.unit, port.unit)
-    code = port.code
-    for value in port.initial or ():
-        if code is not None and not code.lo <= value <= code.hi:
-            raise ValueError(
-                f"the port `{name}` starts at {value:g} {port.unit}, outside the range {code.lo:g}..{code.hi:g} of its "
-                "code; widen the range or start within it"
-            )
 
 
 def _describe(port: Port) -> str:

@@ -55,6 +55,13 @@ class Edge:
             return "encode"
         return "decode" if reader is None else "recode"
 
+    def reads_sensor_at(self, tick: int) -> bool:
+        """Return whether the reader may ever see what a sensor, the source, reports at ``tick``.
+
+        It does not if it keeps the newest value alone and does not run at this tick.
+        """
+        return self.length > 1 or tick % self.reader_period == 0
+
     def offset(self, tick: int) -> int:
         """Return how many places behind the newest value the reader finds its own."""
         if self.delay:

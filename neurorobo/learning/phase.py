@@ -10,6 +10,7 @@ from neurorobo.clock import Clock
 from neurorobo.errors import ConfigError, Fault, did_you_mean
 from neurorobo.regions.config import RegionConfig
 from neurorobo.regions.port import Port
+from neurorobo.seeds import LARGEST_SEED
 from neurorobo.units import UnitError, parse_quantity, same_unit
 
 _FALL: Mapping[str, Callable[[float], float]] = {
@@ -28,7 +29,7 @@ class DataConfig(BaseModel):
     """Base of the configuration of a source of training data; it must not import torch.
 
     ``implementation`` names the class behind it, as ``"package.module:Class"``: built from the configuration and the
-    clock, it is a :class:`neurorobo.learning.supervise.Data`.
+    clock, it is a :class:`neurorobo.learning.evaluate.Data`.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
@@ -54,15 +55,12 @@ class Unroll(BaseModel):
     discount: float = Field(default=1.0, gt=0, le=1)
 
 
-LARGEST_SEED = 2**63 - 1
-
-
 class Phase(BaseModel):
     """Base of the configuration of a training phase, of whatever rule; it must not import torch.
 
     ``implementation`` names what trains, as ``"package.module:function"``: it is called with the keywords ``region``,
     ``phase``, ``generator``, ``report`` (of :class:`neurorobo.learning.supervise.Progress`), ``checkpoints``
-    (:class:`neurorobo.learning.supervise.Checkpoints`, to use or not), and one for each of ``parts``, and trains the
+    (:class:`neurorobo.learning.checkpoint.Checkpoints`, to use or not), and one for each of ``parts``, and trains the
     region in place. ``parts`` are the fields that name something to be built: a region or a source of data.
     ``examination`` names a function of ``region``, ``phase``, ``generator`` and the parts, which returns what
     ``training.json`` is to say of the trained region.
@@ -81,7 +79,10 @@ class Phase(BaseModel):
     def check(
         self, inputs: Mapping[str, Port], outputs: Mapping[str, Port], clock: Clock, parts: Mapping[str, BaseModel]
     ) -> None:
-        """Raise a ConfigError with all that does not fit a region of these ports; ``parts`` are configurations."""
+        """Raise a ConfigError with all that does not fit a region of these ports.
+
+        ``parts`` are configurations; the ports of regions among them have been checked by themselves.
+        """
 
     def check_groups(self, groups: Collection[str]) -> None:
         """Raise a ConfigError if the phase does not fit a region of these parameter groups, known once it is built."""
@@ -94,7 +95,7 @@ class SupervisePhase(Phase):
     """
 
     implementation: ClassVar[str] = "neurorobo.learning.supervise:supervise"
-    examination: ClassVar[str | None] = "neurorobo.learning.supervise:examine"
+    examination: ClassVar[str | None] = "neurorobo.learning.evaluate:examine"
     parts: ClassVar[Mapping[str, Literal["region", "data"]]] = {"teacher": "region", "data": "data"}
 
     phase: Literal["supervise"] = "supervise"
@@ -127,10 +128,7 @@ class SupervisePhase(Phase):
         faults = [*self._port_faults(inputs, outputs)]
         teacher = parts["teacher"]
         assert isinstance(teacher, RegionConfig)
-        try:
-            faults += self._teacher_faults(inputs, outputs, teacher, clock)
-        except ConfigError as error:  # it has no such ports with this clock
-            faults += error.under("teacher").faults
+        faults += self._teacher_faults(inputs, outputs, teacher, clock)
         if faults:
             raise ConfigError(faults)
 
@@ -166,11 +164,11 @@ class SupervisePhase(Phase):
         self, inputs: Mapping[str, Port], outputs: Mapping[str, Port], teacher: RegionConfig, clock: Clock
     ) -> Iterator[Fault]:
         """Yield what the teacher cannot say, or cannot be told."""
+        told, says = teacher.inputs(clock), teacher.outputs(clock)
         if teacher.weights is not None:
             yield Fault(
                 ("teacher", "weights"), "a teacher is built without weights; take a region of numbers, without this key"
             )
-        told, says = teacher.inputs(clock), teacher.outputs(clock)
         # The outputs that are taught and those fed back, each at the place that asks for it.
         asked: dict[tuple[str, ...], str] = {("loss", name): name for name in self.loss}
         asked |= {("unroll", "feedback", target): source for target, source in self.unroll.feedback.items()}
@@ -205,6 +203,15 @@ class SupervisePhase(Phase):
             if name not in outputs:
                 faults.append(Fault(path, f"`{self.region}` has no output `{name}`{did_you_mean(name, outputs)}"))
                 continue
+            code = outputs[name].code
+            if code is not None and not code.differentiable:
+                faults.append(
+                    Fault(
+                        path,
+                        f"nothing can be taught through the code of `{name}`, {type(code).__name__}, which has no "
+                        "gradient; give it one that counts spikes, such as population_uniform",
+                    )
+                )
             try:
                 if parse_quantity(text, outputs[name].unit) <= 0:
                     faults.append(Fault(path, f"the error that counts as one must be above zero (got '{text}')"))

@@ -1,32 +1,21 @@
 """Supervised training of one region by its teacher: surrogate gradients through whole windows (STBP)."""
 
-import json
-import os
 import signal
 import threading
-import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 import torch
-from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
 from torch import Tensor, nn
 
-from neurorobo.errors import NeuroroboError, did_you_mean
-from neurorobo.learning.phase import SupervisePhase, Unroll
-from neurorobo.regions.port import Port
-from neurorobo.regions.region import Probe, Region, State, constrain
-
-
-class Data(Protocol):
-    """A source of training inputs."""
-
-    def draw(self, batch: int, generator: torch.Generator) -> Mapping[str, Tensor]:
-        """Return numbers (batch, width) for the inputs of the region and of its teacher, in the ports' units."""
+from neurorobo.errors import NeuroroboError
+from neurorobo.learning.checkpoint import Checkpoints
+from neurorobo.learning.evaluate import Data, Rates, SideBySide
+from neurorobo.learning.phase import SupervisePhase
+from neurorobo.regions.region import Region, constrain
+from neurorobo.regions.weights import signature_hash
 
 
 @dataclass(frozen=True)
@@ -41,24 +30,6 @@ class Progress:
     loss: float
     error: Mapping[str, float]
     rate: float
-
-
-@dataclass(frozen=True)
-class Evaluation:
-    """How far a region is from its teacher, (windows, width) in the ports' units, and how fast each layer fires."""
-
-    rms: Mapping[str, Tensor]
-    largest: Mapping[str, Tensor]
-    bias: Mapping[str, Tensor]
-    rates: Mapping[str, float]
-
-
-@dataclass(frozen=True)
-class Checkpoints:
-    """Where the state of an unfinished phase is kept, and how often it is written."""
-
-    file: Path
-    every_s: float = 60.0
 
 
 def supervise(
@@ -76,20 +47,21 @@ def supervise(
     With ``checkpoints`` an interrupted phase goes on where it stopped, to the very same weights; the file is the
     caller's to remove, once the weights are safe. Ctrl-C ends the step, writes the checkpoint and raises
     KeyboardInterrupt. Raises ConfigError if the phase does not fit the region, NeuroroboError if the data or a
-    checkpoint do not.
+    checkpoint do not, or if a checkpoint cannot be written.
     """
     phase.check_ports(region.input_ports, region.output_ports)
-    lesson = _Lesson(region, teacher, phase.unroll, phase.unit_errors(region.output_ports))
+    unit_errors = phase.unit_errors(region.output_ports)
+    both = SideBySide(region, teacher, phase.unroll, tuple(unit_errors))
     with _trainable(region, phase) as parameters, _deferred_interrupt() as interrupted, _products(phase.precision):
         optimiser = torch.optim.Adam(_by_fan_in(parameters.values()), betas=(0.9, 0.99), fused=True)
-        first = _resume(checkpoints, region, phase, parameters, optimiser, generator)
-        saved_at = time.monotonic()
+        state = _State(region, phase, parameters, optimiser, generator)
+        first = 0 if checkpoints is None else state.resume(checkpoints)
         for step in range(first, phase.steps):
             for group in optimiser.param_groups:
                 group["lr"] = phase.learning_rate_at(step) * group["scale"]
-            rates = _Rates()
-            errors = lesson.errors(data.draw(phase.batch, generator), rates)
-            loss = lesson.loss(errors)
+            rates = Rates()
+            errors = both.errors(data.draw(phase.batch, generator), generator, rates)
+            loss = _loss(errors, unit_errors, phase.unroll.discount)
             if phase.rate_penalty:
                 loss = loss + phase.rate_penalty * rates.mean()
             optimiser.zero_grad()
@@ -98,140 +70,61 @@ def supervise(
             constrain(region)
             error = {name: float(e.detach().square().mean().sqrt()) for name, e in errors.items()}
             report(Progress(step + 1, phase.steps, float(loss.detach()), error, float(rates.mean().detach())))
-            late = checkpoints is not None and time.monotonic() - saved_at >= checkpoints.every_s
-            if checkpoints is not None and (late or interrupted.is_set()):
-                _save(checkpoints.file, step + 1, region, phase, parameters, optimiser, generator)
-                saved_at = time.monotonic()
+            if checkpoints is not None and (checkpoints.due or interrupted.is_set()):
+                state.save(checkpoints, step + 1)
             if interrupted.is_set():
                 raise KeyboardInterrupt
 
 
-def examine(
-    region: Region, teacher: Region, data: Data, phase: SupervisePhase, generator: torch.Generator
-) -> dict[str, Any]:
-    """Return how far a trained region is from its teacher on what its phase teaches, ready for JSON."""
-    return plain(evaluate(region, teacher, data, generator, outputs=phase.loss, unroll=phase.unroll))
-
-
-def plain(evaluation: Evaluation) -> dict[str, Any]:
-    """Return an evaluation as what JSON can hold."""
-    tables = {"rms": evaluation.rms, "largest": evaluation.largest, "bias": evaluation.bias}
-    figures = {name: {port: error.tolist() for port, error in table.items()} for name, table in tables.items()}
-    return {**figures, "firing_rates": dict(evaluation.rates)}
-
-
-@torch.no_grad()
-def evaluate(
-    region: Region,
-    teacher: Region,
-    data: Data,
-    generator: torch.Generator,
-    *,
-    outputs: Iterable[str],
-    unroll: Unroll = Unroll(windows=1),  # noqa: B008 (frozen)
-    batch: int = 64,
-    batches: int = 16,
-) -> Evaluation:
-    """Compare a region with its teacher on ``batches`` fresh draws, in full precision."""
-    lesson = _Lesson(region, teacher, unroll, dict.fromkeys(outputs, 1.0))
-    rates = _Rates()
-    drawn = [lesson.errors(data.draw(batch, generator), rates) for _ in range(batches)]
-    errors = {name: torch.cat([errors[name] for errors in drawn], dim=1) for name in drawn[0]}
-    return Evaluation(
-        rms={name: error.square().mean(1).sqrt() for name, error in errors.items()},
-        largest={name: error.abs().amax(1) for name, error in errors.items()},
-        bias={name: error.mean(1) for name, error in errors.items()},
-        rates=rates.by_layer(),
-    )
-
-
-class _Rates:
-    """A probe that adds up the firing rate of each layer, differentiably."""
-
-    def __init__(self) -> None:
-        self._rates: dict[str, list[Tensor]] = {}
-
-    def __call__(self, layer: str, spikes: Tensor) -> None:
-        self._rates.setdefault(layer, []).append(spikes.mean())
-
-    def mean(self) -> Tensor:
-        """Return the mean over all layers, each counting the same."""
-        layers = [torch.stack(rates).mean() for rates in self._rates.values()]
-        return torch.stack(layers).mean() if layers else torch.zeros(())
-
-    def by_layer(self) -> dict[str, float]:
-        return {layer: float(torch.stack(rates).mean()) for layer, rates in self._rates.items()}
-
-
 @dataclass(frozen=True)
-class _Lesson:
-    """A region and its teacher side by side on the same inputs, for one or several windows."""
+class _State:
+    """All that the rest of a phase depends on: the region, Adam's moments and the generator of the data."""
 
     region: Region
-    teacher: Region
-    unroll: Unroll
-    unit_errors: Mapping[str, float]
+    phase: SupervisePhase
+    parameters: Mapping[str, nn.Parameter]
+    optimiser: torch.optim.Adam
+    generator: torch.Generator
 
-    def errors(self, values: Mapping[str, Tensor], probe: Probe) -> dict[str, Tensor]:
-        """Return what the region says minus what the teacher says, (windows, batch, width) of each taught output."""
-        batch = len(next(iter(values.values())))
-        inputs = {
-            name: self._encode(port, _value(name, port, values, batch))
-            for name, port in self.region.input_ports.items()
+    def belongs(self) -> dict[str, Any]:
+        """Return what a checkpoint must agree in to be gone on from, under the names that an error gives them."""
+        return {
+            "the settings of the phase": self.phase.model_dump(mode="json"),
+            "the configuration of the region": signature_hash(self.region.config, self.region.clock),
+            "the clock": self.region.clock.to_config(),
         }
-        told = {name: _value(name, port, values, batch) for name, port in self.teacher.input_ports.items()}
-        state, teacher_state = self.region.init_state(batch), self.teacher.init_state(batch)
-        errors: dict[str, list[Tensor]] = {name: [] for name in self.unit_errors}
-        for _ in range(self.unroll.windows):
-            outputs, state = _run(self.region, inputs, state, probe)
-            with torch.no_grad():
-                wanted, teacher_state = _run(self.teacher, told, teacher_state, None)
-            for name, error in errors.items():
-                port = self.region.output_ports[name]
-                error.append(_decode(port, outputs[name]) - _within(port, wanted[name]))
-            for target, source in self.unroll.feedback.items():
-                inputs[target] = self._recode(target, source, outputs[source])
-                told[target] = wanted[source]
-        return {name: torch.stack(error) for name, error in errors.items()}
 
-    def loss(self, errors: Mapping[str, Tensor]) -> Tensor:
-        """Return the mean over outputs of the squared error, in units of the one that counts as one, over windows."""
-        discount = self.unroll.discount ** torch.arange(self.unroll.windows)
-        squares = [(error / self.unit_errors[name]).square().mean((1, 2)) for name, error in errors.items()]
-        return (torch.stack(squares).mean(0) * discount).sum()
+    def save(self, checkpoints: Checkpoints, done: int) -> None:
+        """Write a checkpoint."""
+        tensors = {f"region.{name}": tensor for name, tensor in self.region.state_dict().items()}
+        for name, parameter in self.parameters.items():
+            tensors |= {f"adam.{key}.{name}": tensor for key, tensor in self.optimiser.state[parameter].items()}
+        checkpoints.write(done, {**tensors, "generator": self.generator.get_state()}, self.belongs())
 
-    def _recode(self, target: str, source: str, values: Tensor) -> Tensor:
-        """Turn an output of the region into its own input: equal codes connect directly."""
-        port, output = self.region.input_ports[target], self.region.output_ports[source]
-        return values if port.code == output.code else self._encode(port, _decode(output, values))
-
-    def _encode(self, port: Port, values: Tensor) -> Tensor:
-        return values if port.code is None else port.code.encode(values, self.region.clock.window)
+    def resume(self, checkpoints: Checkpoints) -> int:
+        """Take over a checkpoint, if there is one, and return how many steps are done."""
+        found = checkpoints.read(self.belongs())
+        if found is None:
+            return 0
+        done, tensors = found
+        try:
+            weights = {n.removeprefix("region."): t for n, t in tensors.items() if n.startswith("region.")}
+            self.region.load_state_dict(weights)
+            for name, parameter in self.parameters.items():
+                moments = {key: tensors[f"adam.{key}.{name}"] for key in ("step", "exp_avg", "exp_avg_sq")}
+                self.optimiser.state[parameter] = moments
+            self.generator.set_state(tensors["generator"])
+        except (KeyError, TypeError, RuntimeError) as error:
+            raise NeuroroboError(
+                f"{checkpoints.file} is not a checkpoint of this region ({error}); remove it to start afresh"
+            ) from error
+        return done
 
 
-def _run(
-    region: Region, inputs: Mapping[str, Tensor], state: State, probe: Probe | None
-) -> tuple[dict[str, Tensor], State]:
-    """Run one window; a region that never carries its state starts the next one at rest."""
-    outputs, after = region.step(inputs, state, probe)
-    return outputs, state if region.config.carry == "never" else after
-
-
-def _value(name: str, port: Port, values: Mapping[str, Tensor], batch: int) -> Tensor:
-    if name in values:
-        return values[name]
-    if port.initial is None:
-        raise NeuroroboError(f"the training data have nothing for the input `{name}`{did_you_mean(name, values)}")
-    return torch.tensor(port.initial).expand(batch, -1)
-
-
-def _decode(port: Port, values: Tensor) -> Tensor:
-    return values if port.code is None else port.code.decode(values)
-
-
-def _within(port: Port, values: Tensor) -> Tensor:
-    """Clip what is wanted to what the port can say."""
-    return values if port.code is None else values.clamp(port.code.lo, port.code.hi)
+def _loss(errors: Mapping[str, Tensor], unit_errors: Mapping[str, float], discount: float) -> Tensor:
+    """Return the mean over outputs of the squared error, in units of the one that counts as one, over windows."""
+    squares = torch.stack([(error / unit_errors[name]).square().mean((1, 2)) for name, error in errors.items()])
+    return (squares.mean(0) * discount ** torch.arange(squares.shape[1])).sum()
 
 
 def _by_fan_in(parameters: Iterable[nn.Parameter]) -> list[dict[str, Any]]:
@@ -290,60 +183,3 @@ def _deferred_interrupt() -> Iterator[threading.Event]:
         yield interrupted
     finally:
         signal.signal(signal.SIGINT, before)
-
-
-def _save(
-    file: Path,
-    done: int,
-    region: Region,
-    phase: SupervisePhase,
-    parameters: Mapping[str, nn.Parameter],
-    optimiser: torch.optim.Adam,
-    generator: torch.Generator,
-) -> None:
-    """Write one safetensors file, step and phase as JSON in its header, beside the old one and then in its place."""
-    tensors = {f"region.{name}": tensor for name, tensor in region.state_dict().items()}
-    for name, parameter in parameters.items():
-        tensors |= {f"adam.{key}.{name}": tensor for key, tensor in optimiser.state[parameter].items()}
-    tensors["generator"] = generator.get_state()
-    header = {"done": done, "phase": phase.model_dump(mode="json")}
-    file.parent.mkdir(parents=True, exist_ok=True)
-    unfinished = file.with_suffix(".unfinished")
-    save_file(
-        {name: tensor.contiguous() for name, tensor in tensors.items()}, unfinished, {"checkpoint": json.dumps(header)}
-    )
-    os.replace(unfinished, file)
-
-
-def _resume(
-    checkpoints: Checkpoints | None,
-    region: Region,
-    phase: SupervisePhase,
-    parameters: Mapping[str, nn.Parameter],
-    optimiser: torch.optim.Adam,
-    generator: torch.Generator,
-) -> int:
-    """Load a checkpoint, if there is one, and return how many steps are done."""
-    if checkpoints is None or not checkpoints.file.exists():
-        return 0
-    try:
-        with safe_open(checkpoints.file, "pt") as opened:
-            header = json.loads(opened.metadata()["checkpoint"])
-            tensors = {name: opened.get_tensor(name) for name in opened.keys()}  # noqa: SIM118 (not a mapping)
-        if header["phase"] != phase.model_dump(mode="json"):
-            raise NeuroroboError(
-                f"{checkpoints.file} belongs to another training phase; remove it to start this one afresh"
-            )
-        region.load_state_dict(
-            {name.removeprefix("region."): t for name, t in tensors.items() if name.startswith("region.")}
-        )
-        for name, parameter in parameters.items():
-            optimiser.state[parameter] = {
-                key: tensors[f"adam.{key}.{name}"] for key in ("step", "exp_avg", "exp_avg_sq")
-            }
-        generator.set_state(tensors["generator"])
-        return int(header["done"])
-    except (SafetensorError, KeyError, TypeError, ValueError, RuntimeError) as error:
-        raise NeuroroboError(
-            f"{checkpoints.file} is not a checkpoint of this region ({error}); remove it to start afresh"
-        ) from error

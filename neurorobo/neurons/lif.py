@@ -11,12 +11,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class LIF:
-    """Iterative leaky integrate-and-fire neuron: ``U[t] = decay * U[t-1] * (1 - S[t-1]) + I[t]``, ``S[t] = [U[t] >=
-    threshold]``.
+    """Iterative leaky integrate-and-fire neuron: ``U[t] = decay * U[t-1] * (1 - S[t-1]) + I[t]``.
 
-    The spike resets the carried potential to zero; the new input is added after the reset. Potentials are
-    dimensionless, one step is one ``spike_step`` of the clock. Source: Eq. 5-7 of Xing et al.; the iterative model is
-    from Wu et al. 2018 (STBP).
+    It spikes where ``S[t] = [U[t] >= threshold]`` is 1. The spike resets the carried potential to zero; the new input
+    is added after the reset. Potentials are dimensionless, one step is one ``spike_step`` of the clock. Source: Eq. 5-7
+    of Xing et al.; the iterative model is from Wu et al. 2018 (STBP).
 
     ``reset_gradient`` says whether the gradient also flows through the reset (``full``, as autograd would) or not
     (``detached``).
@@ -60,10 +59,10 @@ def spiking_neural_unit(
     decay: float = 0.2,
     surrogate: Surrogate = Surrogate(),
 ) -> LIF:
-    """Return a spiking neural unit: the LIF whose potential is rectified, ``U[t] = max(0, I[t] + decay * U[t-1] * (1
-    - S[t-1]))``.
+    """Return a spiking neural unit, the LIF whose potential is rectified.
 
-    Source: Wozniak et al. 2020, with ``g`` = ReLU and a step output; the unit's bias is the negative threshold, and a
-    layer can train it per neuron (``Layer(..., trainable_threshold=True)``).
+    ``U[t] = max(0, I[t] + decay * U[t-1] * (1 - S[t-1]))``. Source: Wozniak et al. 2020, with ``g`` = ReLU and a step
+    output; the unit's bias is the negative threshold, and a layer can train it per neuron
+    (``Layer(..., trainable_threshold=True)``).
     """
     return LIF(threshold=threshold, decay=decay, surrogate=surrogate, rectify=True)

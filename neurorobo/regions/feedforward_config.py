@@ -9,7 +9,7 @@ from neurorobo.codes import CodeConfig
 from neurorobo.codes.config import PopulationUniformConfig
 from neurorobo.neurons import NeuronConfig
 from neurorobo.neurons.config import LIFConfig
-from neurorobo.plugged import Plugged
+from neurorobo.plugged_field import Plugged
 from neurorobo.regions.config import RegionConfig
 from neurorobo.regions.port import Port
 from neurorobo.units import format_quantity, parse_interval, parse_quantity, same_unit

@@ -7,12 +7,11 @@ from neurorobo.codes import Code
 
 @dataclass(frozen=True)
 class Port:
-    """A typed end of an edge: a quantity of ``width`` components in ``unit``, as numbers or, with a ``code``, as
-    spikes.
+    """A typed end of an edge: a quantity of ``width`` components in ``unit``, as numbers or as spikes.
 
-    Numbers are tensors (batch, width); spikes are tensors (steps, batch, width * code.neurons) of 0 and 1.
-    ``initial`` is the value of an input before its source has spoken, in ``unit``, one number per component; an input
-    that has one may be left unwired.
+    Numbers are tensors (batch, width); with a ``code``, spikes are tensors (steps, batch, width * code.neurons) of 0
+    and 1. ``initial`` is the value of an input before its source has spoken, in ``unit``, one number per component; an
+    input that has one may be left unwired.
     """
 
     unit: str
@@ -22,9 +21,12 @@ class Port:
     description: str = ""
 
     def __post_init__(self) -> None:
-        """Refuse an initial value of another width."""
-        if self.initial is not None and len(self.initial) != self.width:
+        """Refuse an initial value of another width; whole numbers in it become floats."""
+        if self.initial is None:
+            return
+        if len(self.initial) != self.width:
             raise ValueError(f"a port of width {self.width} cannot start at {self.initial}")
+        object.__setattr__(self, "initial", tuple(map(float, self.initial)))
 
     @property
     def channels(self) -> int:

@@ -6,18 +6,18 @@ region gives the same spikes whatever the batch, the number of threads or the or
 
 import hashlib
 import json
-import os
 from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
 
 import torch
 from safetensors import SafetensorError, safe_open
-from safetensors.torch import save_file
+from safetensors.torch import save
 from torch import Tensor
 
 from neurorobo.clock import Clock
 from neurorobo.errors import NeuroroboError
+from neurorobo.files import write_whole
 from neurorobo.regions.config import RegionConfig
 from neurorobo.regions.region import Region
 
@@ -40,11 +40,11 @@ def to_grid(tensor: Tensor, bits: int = GRID_BITS) -> Tensor:
 def save_weights(
     region: Region, path: Path, notes: Mapping[str, str], *, bits: Mapping[str, int] | int | None = None
 ) -> None:
-    """Write the weights of a region, replacing the file at once or not at all.
+    """Write the weights of a region, replacing the file at once or not at all, and the folders that it is in.
 
     ``notes`` go into the file's metadata. ``bits`` asks for fixed point with that many fractional bits (one number,
     or one per tensor name); without it floats are stored as they are. Raises :class:`NeuroroboError` if a weight does
-    not fit 16 bits.
+    not fit 16 bits, or the file cannot be written.
     """
     tensors: dict[str, Tensor] = {}
     grids: dict[str, int] = {}
@@ -61,10 +61,7 @@ def save_weights(
         "signature": signature_hash(region.config, region.clock),
         "fractional_bits": json.dumps(grids, sort_keys=True),
     }
-    path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(path.name + ".part")
-    save_file(tensors, temporary, metadata)
-    os.replace(temporary, path)
+    write_whole(path, save(tensors, metadata))
 
 
 def load_weights(region: Region, path: Path) -> dict[str, str]:

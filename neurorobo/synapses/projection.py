@@ -65,10 +65,7 @@ class Dense(Projection):
 
 
 class FanIn(Projection):
-    """Each target reads exactly ``fan_in`` different sources, drawn once; only their weights are trained.
-
-    The mossy fibre to granule cell projection is of this kind (fan-in 4).
-    """
+    """Each target reads exactly ``fan_in`` different sources, drawn once; only their weights are trained."""
 
     source_index: Tensor
 

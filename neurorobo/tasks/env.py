@@ -10,7 +10,8 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from neurorobo.bodies import Actuator, Body, Sensor, Supervisor
+from neurorobo.bodies import Actuator, Body, Sensor
+from neurorobo.tasks.supervised import SupervisedTask
 from neurorobo.tasks.task import Task
 
 Observation = dict[str, NDArray[np.float32]]
@@ -31,7 +32,7 @@ class TaskVectorEnv(VectorEnv[Observation, Observation, NDArray[Any]]):
         """Make ``num_envs`` bodies with the given task."""
         self.task = task()
         self.body = self.task.body
-        self.supervisor = Supervisor(self.body)
+        self._supervised = SupervisedTask(self.task)
         self.num_envs = num_envs
         self.period_ns = period_ns
         self.single_observation_space = _space(self.body.sensors)
@@ -54,9 +55,7 @@ class TaskVectorEnv(VectorEnv[Observation, Observation, NDArray[Any]]):
             if chosen is not None:
                 self._seeds[i] = np.random.default_rng(chosen)
             episode_seeds.append(int(self._seeds[i].integers(2**31)) if chosen is None else int(chosen))
-        self.body.reset(episode_seeds)
-        self.supervisor.reset(self.num_envs)
-        self.task.reset(self.num_envs)
+        self._supervised.reset(episode_seeds, self.num_envs)
         return self._observation(), {}
 
     def step(
@@ -65,23 +64,18 @@ class TaskVectorEnv(VectorEnv[Observation, Observation, NDArray[Any]]):
         """Carry out one action per episode."""
         running = np.ones(self.num_envs, dtype=np.bool_)
         commands = {name: np.asarray(value, dtype=np.float64) for name, value in actions.items()}
-        self.supervisor.advance(commands, self.period_ns, running)
-        self.task.observe(self.period_ns, running)
+        _, done = self._supervised.step(commands, self.period_ns, running)
         # Copies, as the new start below may write into what the task returned.
         reward = self.task.reward().copy()
         terminated, truncated = self.task.terminated().copy(), self.task.truncated().copy()
-        done = terminated | truncated
         info: dict[str, Any] = {}
         if done.any():
-            last, metrics = self._observation(), self.task.metrics()
+            last, metrics = self._observation(), self._supervised.metrics()
             ended: list[int] = np.flatnonzero(done).tolist()
             for i in ended:
-                figures = {**metrics[i], "command_interventions": float(self.supervisor.interventions[i])}
-                final = {"final_obs": {name: values[i] for name, values in last.items()}, "final_info": figures}
+                final = {"final_obs": {name: values[i] for name, values in last.items()}, "final_info": metrics[i]}
                 info = self._add_info(info, final, i)
-            self.body.reset([int(self._seeds[i].integers(2**31)) for i in ended], done)
-            self.task.reset(self.num_envs, done)
-            self.supervisor.reset(self.num_envs, done)
+            self._supervised.reset([int(self._seeds[i].integers(2**31)) for i in ended], self.num_envs, done)
         return self._observation(), reward, terminated, truncated, info
 
     def close_extras(self, **kwargs: Any) -> None:

@@ -45,8 +45,7 @@ class Task(ABC, Generic[BodyType]):
 
     @abstractmethod
     def observe(self, duration_ns: int, running: Flags) -> None:
-        """Take note of a motion of ``duration_ns`` that has just ended, in the episodes that are ``running``
-        (batch)."""
+        """Take note of a motion of ``duration_ns`` that has just ended, in the ``running`` (batch) episodes."""
 
     @abstractmethod
     def reward(self) -> Array:

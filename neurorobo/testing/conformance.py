@@ -16,7 +16,7 @@ from torch import Tensor
 
 from neurorobo.clock import Clock
 from neurorobo.errors import NeuroroboError
-from neurorobo.experiment.build import implementation
+from neurorobo.plugins.imports import import_target
 from neurorobo.regions import Port, RegionConfig
 from neurorobo.regions.region import Probe, Region, State, constrain
 from neurorobo.regions.weights import GRID_BITS, load_weights, save_weights, to_grid
@@ -275,7 +275,7 @@ class _Contract:
 
     def build(self, seed: int) -> Region:
         """Build the region with fresh weights."""
-        build: Callable[..., Region] = implementation(self.config.implementation)
+        build: Callable[..., Region] = import_target(self.config.implementation)
         return build(self.config, self.clock, torch.Generator().manual_seed(seed)).eval()
 
     def inputs(self, seed: int) -> dict[str, Tensor]:

@@ -2,15 +2,18 @@
 
 from collections.abc import Iterator
 
+from neurorobo.graph.compile import BODY, COMMAND
 from neurorobo.graph.plan import Edge, Plan, Repeat
 
 
 def mermaid_lines(plan: Plan) -> Iterator[str]:
-    """Yield a flowchart: steps as boxes, repeats as frames, edges labelled with port and unit, dotted if they read
-    the past."""
+    """Yield the lines of a flowchart.
+
+    Steps are boxes, repeats frames; edges are labelled with port and unit, and dotted if they read the past.
+    """
     yield "flowchart LR"
     if "body" in plan.outgoing:
-        yield '  body(["body"])'
+        yield '  sensors(["body"])'
     for i, item in enumerate(plan.order):
         if isinstance(item, Repeat):
             yield f'  subgraph repeat{i}["{item.count} times"]'
@@ -20,7 +23,7 @@ def mermaid_lines(plan: Plan) -> Iterator[str]:
         else:
             yield f"  {_node(item.name, item.region)}"
     if plan.command:
-        yield '  command(["body"])'
+        yield '  actuators(["body"])'
     for edge in plan.edges():
         yield f"  {_id(edge.source)} {_arrow(edge)}|{edge.output} {edge.source_port.unit}| {_id(edge.reader)}"
 
@@ -31,7 +34,8 @@ def _node(name: str, region: str) -> str:
 
 
 def _id(name: str) -> str:
-    return f"step_{name}" if name in ("end", "graph", "subgraph") else name
+    """Return the name of a node; a bare step could be a word of Mermaid's, such as ``style`` or ``end``."""
+    return {BODY: "sensors", COMMAND: "actuators"}.get(name, f"step_{name}")
 
 
 def _arrow(edge: Edge) -> str:

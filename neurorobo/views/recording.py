@@ -187,7 +187,10 @@ class RerunRecorder(Recorder):
         _log_rasters(stream, episode)
         if self._scene is not None:
             self._scene.log(stream, episode)
-        stream.flush()
+        try:
+            stream.flush()
+        except RuntimeError as error:  # which is how rerun says that the disk is full
+            raise OSError(str(error)) from error
         stream.disconnect()
         return path
 

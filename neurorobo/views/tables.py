@@ -10,14 +10,14 @@ MARK = " ± "
 
 def summary_table(title: str, summary: Mapping[str, Any]) -> Table:
     """Return one row per figure: mean, standard error and worst over the episodes."""
-    episodes = len(summary["episodes"])
-    table = Table(title=f"{title}, {episodes} episode{'s' if episodes != 1 else ''}", title_justify="left")
+    several = len(summary["episodes"]) > 1
+    table = Table(title=f"{title}, {_episodes(summary)}", title_justify="left")
     table.add_column("figure")
-    table.add_column("mean" if episodes > 1 else "value", justify="right")
-    if episodes > 1:
+    table.add_column("mean" if several else "value", justify="right")
+    if several:
         table.add_column("worst", justify="right")
     for name, figure in summary["aggregate"].items():
-        cells = [_mean(figure)] + ([_number(figure["worst"])] if episodes > 1 else [])
+        cells = [_mean(figure)] + ([_number(figure["worst"])] if several else [])
         table.add_row(name, *cells)
     return table
 
@@ -27,7 +27,7 @@ def comparison_table(summaries: Mapping[str, Mapping[str, Any]]) -> Table:
     table = Table(title="mean ± standard error (worst)", title_justify="left")
     table.add_column("figure")
     for name, summary in summaries.items():
-        table.add_column(f"{name}\n{len(summary['episodes'])} episodes", justify="right")
+        table.add_column(f"{name}\n{_episodes(summary)}", justify="right")
     for figure in _figures(list(summaries.values())):
         cells = []
         for summary in summaries.values():
@@ -39,6 +39,11 @@ def comparison_table(summaries: Mapping[str, Mapping[str, Any]]) -> Table:
 
 def _figures(summaries: Sequence[Mapping[str, Any]]) -> list[str]:
     return list(dict.fromkeys(name for summary in summaries for name in summary["aggregate"]))
+
+
+def _episodes(summary: Mapping[str, Any]) -> str:
+    count = len(summary["episodes"])
+    return f"{count} episode{'s' if count != 1 else ''}"
 
 
 def _mean(figure: Mapping[str, Any]) -> str:

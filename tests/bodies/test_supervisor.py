@@ -80,6 +80,21 @@ def test_an_intervention_counts_once_per_period_and_actuator_however_many_compon
     assert supervisor.interventions.tolist() == [0, 0, 0]
 
 
+def test_interventions_are_counted_by_actuator_and_those_of_the_latest_call_shown(supervisor: Supervisor) -> None:
+    advance(supervisor, [0.1, 0.1, 9.0], [[0.0, 0.0], [9.0, 9.0], [9.0, 0.0]])
+    advance(supervisor, [9.0, 0.1, 0.1])
+    assert {name: count.tolist() for name, count in supervisor.latest.items()} == {
+        "speed": [1, 0, 0],
+        "nudge": [0, 0, 0],
+    }
+    assert {name: count.tolist() for name, count in supervisor.counts.items()} == {
+        "speed": [1, 0, 1],
+        "nudge": [0, 1, 1],
+    }
+    supervisor.reset(3, np.array([False, False, True]))
+    assert supervisor.interventions.tolist() == [1, 1, 0]
+
+
 def test_an_intervention_counts_only_where_an_episode_is_running(supervisor: Supervisor) -> None:
     given = advance(supervisor, [9.0, 9.0, 9.0], running=(1, 0, 1))
     assert given["speed"].tolist() == [[1.0]] * 3

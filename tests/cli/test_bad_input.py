@@ -1,11 +1,16 @@
 """Bad input ends in one clear message, with file, line, column, fault and cure, and exit code 2."""
 
+import re
 import sys
 from pathlib import Path
 
 import pytest
+import torch
 
 from neurorobo.cli.main import main
+from neurorobo.clock import Clock
+from neurorobo.regions.weights import save_weights
+from tests.cli.installed import install_plugin
 
 GOOD = """\
 neurorobo: 1
@@ -21,6 +26,13 @@ steps:
   - b: {use: left, heard: a.said}
   - c: {use: law}
 """
+
+
+TRAIN = """\
+- c: {{use: law}}
+train:
+  - {{phase: supervise, region: left, teacher: {{type: minimal.echo, {}}}, data: precision.insertion_speeds, loss: {{said: 1 Hz}}, steps: 3}}
+"""  # noqa: E501
 
 
 def call(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, *arguments: str) -> tuple[int, str]:
@@ -45,8 +57,22 @@ def test_the_file_to_be_spoilt_is_good(
         ("unit: mN", "unit: mN, widht: 2", ":8:", "did you mean"),
         ("250 ms", "250 mm", "3:22: time.fast", "is a length, wanted a time"),
         ("250 ms", "250", "3:22: time.fast", "must be a time such as"),
-        ("neurons: 8", "neurons: -8", "6:3: regions.left", "a code needs at least one neuron, got -8"),
-        ("name: tiny", "name: tiny\nname: big", "3:1", "name"),
+        ("neurons: 8", "neurons: -8", "6:3: regions.left: ", "at least one neuron (got -8); give it 1 or more"),
+        ("width: 2", "width: -2", "8:30: regions.add.width: ", "must be greater than or equal to 1 (got -2)"),
+        (
+            "steps:",
+            "  spare: {type: minimal.echo, neurons: 0}\nsteps:",
+            "9:3: regions.spare: ",
+            "neuron (got 0); give it",
+        ),
+        ("name: tiny", "name: tiny\nname: big", "3:1: name: ", "duplicate key `name` (first at line 2); remove one"),
+        ("- c: {use: law}\n", TRAIN.format("neurons: -3"), "14:38: train.0.teacher: ", "neuron (got -3); give it"),
+        (
+            "- c: {use: law}\n",
+            TRAIN.format("neurons: 4"),
+            ": train.0.loss.said: ",
+            "carries spikes, not numbers; take a teacher that computes with numbers",
+        ),
         ("minimal.echo", "minimal.ecko", "6:10: regions.left.type", "did you mean `minimal.echo`?"),
         ("b: {use: left, heard: a.said}", "b: {use: law, speed: a.said}", "11:", "is Hz, but `speed` takes um/s"),
         ("- c: {use: law}", "- c: {use: add, a: c2.mean}", "12:", "there is no step `c2`"),
@@ -99,9 +125,10 @@ def test_several_faults_are_reported_at_once(
     [
         (b"", "is empty"),
         (b"- 1\n- 2\n", "not a mapping"),
-        (b"a: [1\n", ""),
-        (b"\xff\xfe\x00", ""),
-        (b"just words", ""),
+        (b"a: [1\n", ":2:1: is not valid YAML: expected ',' or ']'"),
+        (b"a: \x07\n", ":1:4: is not valid YAML: the character '\\x07' is not allowed"),
+        (b"\xff\xfe\x00", ":1:1: is not a text file in UTF-8: its byte 0 is no part of one"),
+        (b"just words", ":1:1: is a single value, not a mapping; an experiment starts with 'neurorobo: 1'"),
     ],
 )
 def test_a_file_that_is_no_experiment(
@@ -136,6 +163,89 @@ def test_weights_that_cannot_be_used(
     assert message.startswith(f"{file}:6:42: regions.left.weights: ")
     assert words in message
     assert not (tmp_path / "out").exists()
+
+
+def save(file: Path, neurons: int) -> None:
+    """Write weights of a `minimal.echo` of so many neurons."""
+    from neurorobo_minimal.plugin import EchoConfig
+    from neurorobo_minimal.region import Echo
+
+    config = EchoConfig(type="minimal.echo", neurons=neurons)
+    save_weights(Echo(config, Clock({"control": 10**9}, 10**6, 50), torch.Generator()), file, {})
+
+
+def test_weights_of_the_wrong_shape(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    save(tmp_path / "w.safetensors", neurons=9)
+    file = tmp_path / "x.yaml"
+    file.write_text(GOOD.replace("neurons: 8", "neurons: 8, weights: w.safetensors"))
+    code, message = call(capsys, monkeypatch, "run", str(file), "--out", str(tmp_path / "out"))
+    assert code == 2
+    assert message == (
+        f"{file}:6:42: regions.left.weights: {tmp_path / 'w.safetensors'} does not fit this region: "
+        "`layer.projections.0.weight` is (9, 9), wanted (8, 8); train the region as it is configured now\n"
+    )
+
+
+@pytest.mark.parametrize(
+    ("plugin", "words"),
+    [
+        ("import no_such_module", "failed to import: ModuleNotFoundError: No module named 'no_such_module'"),
+        ("raise SystemExit(3)", "failed to import: SystemExit: 3"),
+        (
+            "from neurorobo.plugins import hookimpl\n@hookimpl\ndef neurorobo_register(registry): 1 / 0",
+            "failed to register: ZeroDivisionError: division by zero",
+        ),
+    ],
+)
+def test_a_plugin_that_cannot_be_loaded(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, plugin: str, words: str
+) -> None:
+    install_plugin(tmp_path, monkeypatch, "lamed", plugin)
+    file = tmp_path / "x.yaml"
+    file.write_text(GOOD.replace("minimal.echo", "lamed.echo"))
+    code, message = call(capsys, monkeypatch, "validate", str(file))
+    assert code == 2
+    assert message == (
+        f"{file}:6:10: regions.left.type: `lamed.echo` belongs to the plugin lamed-nr 0.2, which {words}\n"
+    )
+
+
+def test_a_network_that_cannot_be_imported(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    plugin = (
+        "from neurorobo.plugins import hookimpl\nfrom neurorobo_minimal.plugin import EchoConfig\n"
+        "class Config(EchoConfig):\n    implementation = 'lamed_network:Echo'\n    type: str\n"
+        "@hookimpl\ndef neurorobo_register(registry): registry.add('region', 'lamed.echo', 'lamed_nr:Config')\n"
+    )
+    install_plugin(tmp_path, monkeypatch, "lamed", plugin)
+    file = tmp_path / "x.yaml"
+    file.write_text(GOOD.replace("minimal.echo", "lamed.echo"))
+    code, message = call(capsys, monkeypatch, "run", str(file), "--out", str(tmp_path / "out"))
+    assert code == 2
+    assert message.startswith(f"{file}:6:3: regions.left: `lamed_network:Echo` cannot be imported (ModuleNotFoundError")
+    assert "repair or reinstall the plugin that provides it" in message
+
+
+@pytest.mark.parametrize("command", ["run", "train", "compare"])
+def test_a_place_that_cannot_be_written_is_named_before_the_work(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, command: str
+) -> None:
+    phase = "{phase: supervise, region: mind, teacher: {type: precision.law, period: control}, "
+    phase += "data: precision.insertion_speeds, loss: {mean: 1 mN}, steps: 9999999}"
+    file = tmp_path / "x.yaml"
+    file.write_text(
+        GOOD.replace("steps:", "  mind: {type: precision.hippocampus, period: control}\nsteps:")
+        + f"train:\n  - {phase}\n"
+    )
+    (tmp_path / "taken").write_text("")
+    code, message = call(capsys, monkeypatch, command, str(file), "--out", str(tmp_path / "taken" / "out"))
+    assert code == 2
+    *notes, last = message.splitlines()
+    assert re.fullmatch(r".*/taken/out\S* cannot be written \(Not a directory\); make room for it, or choose .*", last)
+    assert all(note.startswith("note: ") for note in notes)
 
 
 def test_help_is_quick_to_import() -> None:

@@ -1,11 +1,14 @@
-"""What the commands do with plugins' commands, folders that are not there, and sizes that cannot be built."""
+"""What scripts rely on: exit codes, pure JSON, plugins' commands, and one line for what cannot be."""
 
+import json
+import shlex
 import sys
 from pathlib import Path
 
 import pytest
 
 from neurorobo.cli.main import main
+from tests.cli.installed import install_plugin
 from tests.cli.test_bad_input import GOOD
 
 PLUGIN = """\
@@ -37,16 +40,10 @@ def call(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, *a
 
 def install(folder: Path, monkeypatch: pytest.MonkeyPatch, prefix: str, brew: str = BREW) -> None:
     """Leave a distribution with one plugin on the path; its commands have a module of their own."""
-    monkeypatch.syspath_prepend(str(folder))
     module = f"{prefix}_tools"
-    (folder / f"{prefix}_nr.py").write_text(PLUGIN.format(prefix=prefix, module=module))
+    install_plugin(folder, monkeypatch, prefix, PLUGIN.format(prefix=prefix, module=module))
     (folder / f"{module}.py").write_text(brew.replace("{prefix}", prefix))
-    info = folder / f"{prefix}_nr-0.2.dist-info"
-    info.mkdir()
-    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {prefix}-nr\nVersion: 0.2\n")
-    (info / "entry_points.txt").write_text(f"[neurorobo.plugins]\n{prefix} = {prefix}_nr\n")
-    for name in (f"{prefix}_nr", module):
-        monkeypatch.delitem(sys.modules, name, raising=False)
+    monkeypatch.delitem(sys.modules, module, raising=False)
 
 
 def test_a_plugin_s_command_is_listed_without_being_imported_and_called_with_its_options(
@@ -134,3 +131,61 @@ def test_what_is_too_large_is_one_line(
     code, _, err = call(capsys, monkeypatch, "run", str(file), "--out", str(tmp_path / "out"))
     assert code == 2
     assert words in err
+
+
+TEACHERS = Path(__file__).parents[2] / "examples" / "peg_in_hole_teachers.yaml"
+TOO_SHORT = ("--set", "task={type: precision.insertion, time_limit: 2 s}", "--set", "record=[trajectory]")
+
+
+def test_an_episode_that_fails_is_exit_code_3_of_a_run_and_none_of_a_comparison(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    out = ("--out", str(tmp_path / "my run"))
+    code, said, _ = call(capsys, monkeypatch, "run", str(TEACHERS), *TOO_SHORT, "--json", *out)
+    assert code == 3
+    printed = json.loads(said)
+    assert printed["aggregate"]["success"]["worst"] == 0.0
+    assert json.loads((tmp_path / "my run" / "summary.json").read_text()) == {
+        key: printed[key] for key in ("episodes", "aggregate")
+    }
+    typed = json.loads((tmp_path / "my run" / "run.json").read_text())["command"]
+    assert shlex.split(typed) == ["neurorobo", "run", str(TEACHERS), *TOO_SHORT, "--json", *out]
+    out = ("--out", str(tmp_path / "both"), "--episodes", "1", "--json")
+    code, said, noted = call(capsys, monkeypatch, "compare", str(TEACHERS), str(tmp_path / "my run"), *TOO_SHORT, *out)
+    assert code == 0
+    assert {name: figures["aggregate"]["success"]["mean"] for name, figures in json.loads(said).items()} == {
+        TEACHERS.stem: 0.0,
+        str(tmp_path / "my run"): 0.0,
+    }
+    assert noted == f"{TEACHERS.stem}: {tmp_path / 'both' / TEACHERS.stem}\n"
+
+
+def test_json_is_all_that_is_printed_and_notes_go_to_the_error_stream(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "x.yaml").write_text(GOOD)
+    code, said, noted = call(
+        capsys, monkeypatch, "run", str(tmp_path / "x.yaml"), "--json", "--out", str(tmp_path / "out")
+    )
+    assert code == 0
+    assert set(json.loads(said)) == {"folder", "episodes", "aggregate"}
+    assert noted == "note: the region `left` has no `weights`; it runs with fresh ones\n"
+    code, said, noted = call(capsys, monkeypatch, "plugins", "--json")
+    assert (code, noted) == (0, "")
+    assert {plugin["name"] for plugin in json.loads(said)} >= {"core", "minimal"}
+
+
+@pytest.mark.parametrize("command", ["run", "compare"])
+def test_ctrl_c_is_exit_code_130(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, command: str
+) -> None:
+    def interrupt(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("neurorobo.experiment.run.run_episodes", interrupt)
+    (tmp_path / "x.yaml").write_text(GOOD)
+    code, said, noted = call(capsys, monkeypatch, command, str(tmp_path / "x.yaml"), "--out", str(tmp_path / "out"))
+    assert (code, said) == (130, "")
+    assert noted.splitlines()[-1] == "interrupted"
+    (run,) = (tmp_path / "out").rglob("run.json")
+    assert json.loads(run.read_text())["status"] == "interrupted"

@@ -238,8 +238,8 @@ def test_coarse_fine_is_stochastic_if_a_part_is() -> None:
     ("build", "words"),
     [
         (lambda: PopulationUniform(0, 0.0, 1.0), "at least one neuron"),
-        (lambda: Poisson(3, 1.0, 1.0), "lo < hi"),
-        (lambda: PopulationUniform(3, 0.0, float("nan")), "lo < hi"),
+        (lambda: Poisson(3, 1.0, 1.0), "a range that rises"),
+        (lambda: PopulationUniform(3, 0.0, float("nan")), "a range that rises"),
         (lambda: TimeToFirstSpike(3, 0.0, 1.0).resolution(1), "at least two steps"),
         (
             lambda: CoarseFine.of(PopulationUniform(3, 0.0, 1.0), PopulationUniform(3, 0.5, 1.5)),
@@ -257,3 +257,21 @@ def test_codes_that_make_no_sense_are_refused(build: Callable[[], object], words
 def test_a_value_that_is_not_finite_is_refused(code: Code, value: float) -> None:
     with pytest.raises(ValueError, match=r"not finite cannot be encoded over -2\.\.5"):
         code.encode(torch.tensor([[0.0, value]]), 10)
+
+
+@pytest.mark.parametrize("kind", [PopulationUniform, TimeToFirstSpike, Poisson])
+def test_spikes_are_where_the_values_are(kind: Callable[..., Code]) -> None:
+    code = kind(3, 0.0, 1.0)
+    expected = code.encode(column(0.3, 0.8), 20, torch.Generator().manual_seed(1))
+    with torch.device("meta"):  # where tensors go that are not told where to go
+        values = torch.tensor([[0.3], [0.8]], dtype=torch.float64, device="cpu")
+        assert torch.equal(code.encode(values, 20, torch.Generator("cpu").manual_seed(1)), expected)
+
+
+@pytest.mark.parametrize("kind", [PopulationUniform, TimeToFirstSpike, Poisson])
+def test_a_code_knows_whether_gradients_flow_through_what_it_decodes(kind: Callable[..., Code]) -> None:
+    code, other = kind(3, 0.0, 1.0), PopulationUniform(2, 0.4, 0.6)
+    spikes = torch.zeros(20, 1, 3, requires_grad=True)
+    assert code.decode(spikes).requires_grad == code.differentiable
+    both = CoarseFine.of(code, other)
+    assert both.differentiable == code.differentiable

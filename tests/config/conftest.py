@@ -10,8 +10,8 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from neurorobo.bodies import Actuator, BodyConfig, Sensor
 from neurorobo.clock import Clock
 from neurorobo.config import Experiment, load_experiment
-from neurorobo.config.plugged import Plugged
 from neurorobo.errors import ConfigError
+from neurorobo.plugged_field import Plugged
 from neurorobo.plugins import Registrar, Registry, hookimpl
 from neurorobo.regions import Port, RegionConfig
 from neurorobo.tasks import TaskConfig

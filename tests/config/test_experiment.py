@@ -6,9 +6,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from neurorobo.config import Experiment, raise_faults
+from neurorobo.config import Experiment
 from neurorobo.config.document import dump, parse_document
-from neurorobo.config.plugged import read_plugged
+from neurorobo.config.faults import raise_faults
+from neurorobo.config.plugged_reader import read_plugged
 from neurorobo.errors import ConfigError, Fault
 from neurorobo.graph.spec import RepeatSpec, StepSpec
 from neurorobo.plugins import Registry

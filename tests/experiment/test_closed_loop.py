@@ -85,6 +85,20 @@ def test_interventions_are_counted_among_the_metrics() -> None:
     assert content["command_interventions"] == 0.0
 
 
+def test_a_recorder_sees_each_intervention_beside_what_was_sensed() -> None:
+    notes = Notes()
+    results = run_episodes(brain(), reach(0.8), SEEDS, recorders=[notes])
+    counts = {name: np.zeros(len(SEEDS)) for name in ("speed", "nudge")}
+    for sample in notes.samples:
+        assert sample.interventions.keys() == counts.keys()
+        for name, count in sample.interventions.items():
+            counts[name] += count
+        too_fast = 4 * np.abs(3.5 - sample.observation["position"][:, 0]) > 1 + 1e-5
+        assert np.array_equal(sample.interventions["speed"], too_fast & sample.running)
+    assert counts["speed"].all()
+    assert [result.metrics["command_interventions"] for result in results] == sum(counts.values()).tolist()
+
+
 def test_a_duration_cuts_a_run_off_and_replaces_a_task() -> None:
     notes = Notes()
     (result,) = run_episodes(brain(), reach(), [1], duration_ns=2 * SECOND, recorders=[notes])
@@ -145,6 +159,8 @@ def test_saturations_are_the_components_out_of_range_while_an_episode_runs() -> 
     results = run_episodes(brain(), reach(0.8), SEEDS, recorders=[notes])
     wanted = np.zeros(len(SEEDS))
     for sample in notes.samples:
+        if "watch" not in sample.outputs:
+            continue  # what is not read does not count
         outside = (np.abs(sample.observation["force"]) > 1.0).sum(axis=1)  # the range of the watcher's code
         wanted += np.where(sample.running, outside, 0)
     assert (wanted.any() and not wanted.all()) or len(set(wanted)) > 1

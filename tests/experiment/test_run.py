@@ -1,5 +1,6 @@
 """A run and the folder that it leaves behind."""
 
+import errno
 import hashlib
 import json
 from collections.abc import Sequence
@@ -41,6 +42,7 @@ def test_a_finished_run_says_what_was_run_and_what_came_of_it(tmp_path: Path) ->
     assert content["seeds"] == [3, 4]
     assert content["started"] <= content["ended"]
     assert {"torch", "numpy"} <= content["versions"].keys()
+    assert content["command"] is None  # nothing was typed
     assert folder.summary() == finished.summary
     assert [episode["seed"] for episode in finished.summary["episodes"]] == [3, 4]
     assert set(finished.summary["aggregate"]) == {
@@ -83,6 +85,8 @@ def test_the_trajectory_has_a_row_per_episode_and_tick_with_units_and_gaps(tmp_p
         "command.speed": "um/s",
         "command.nudge.0": "um",
         "command.nudge.1": "um",
+        "command.speed.interventions": "",
+        "command.nudge.interventions": "",
         "drive.speed": "um/s",
         "drive.nudge.0": "um",
         "drive.nudge.1": "um",
@@ -139,7 +143,7 @@ def test_a_folder_that_holds_a_run_is_not_written_over(tmp_path: Path) -> None:
 
 def test_a_place_that_cannot_be_written_is_named(tmp_path: Path) -> None:
     (tmp_path / "out").write_text("a file")
-    with pytest.raises(NeuroroboError, match=r"out cannot be written .*; choose another folder"):
+    with pytest.raises(NeuroroboError, match=r"out cannot be written .*; make room for it, or choose another place"):
         run(tmp_path)
 
 
@@ -204,7 +208,7 @@ class Greedy(Notes):
 
 
 def test_a_recorder_that_cannot_write_leaves_the_figures_and_the_others_files(tmp_path: Path) -> None:
-    with pytest.raises(OSError, match="no space left"):
+    with pytest.raises(NeuroroboError, match=r"out cannot be written \(no space left\); make room for it"):
         run(tmp_path, record=["toy.greedy", "trajectory"])
     folder = RunFolder(tmp_path / "out")
     assert folder.run()["status"] == "failed"
@@ -217,7 +221,8 @@ def test_a_recorder_that_fails_last_does_not_hide_why_the_run_did(
 ) -> None:
     with pytest.raises(ZeroDivisionError):
         run(tmp_path, record=["toy.greedy", "toy.clumsy", "trajectory"])
-    assert "a recorder failed too: OSError('no space left')" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert "a recorder failed too: " in said and "cannot be written (no space left)" in said
     assert RunFolder(tmp_path / "out").run()["status"] == "failed"
     assert table(tmp_path).num_rows > 0
 
@@ -226,6 +231,53 @@ def test_a_run_whose_recorder_cannot_be_made_does_not_stay_running(tmp_path: Pat
     with pytest.raises(NeuroroboError, match=r"unknown recorder `toy.tape`"):
         run(tmp_path, record=["toy.tape"])
     assert RunFolder(tmp_path / "out").run()["status"] == "failed"
+
+
+def test_a_full_disk_does_not_hide_why_a_run_failed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def full(self: Path, content: bytes) -> int:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    def break_off(*_: object, **__: object) -> None:
+        monkeypatch.setattr(Path, "write_bytes", full)
+        raise ZeroDivisionError
+
+    monkeypatch.setattr(run_module, "run_episodes", break_off)
+    with pytest.raises(ZeroDivisionError):
+        run(tmp_path, record=[])
+    assert "run.json cannot be written (No space left on device)" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "place"),
+    [
+        (
+            "{type: toy.net}",
+            "{type: toy.missing}",
+            "cart.yaml:9:3: regions.watcher: `tests.experiment.gone:Gone` cannot",
+        ),
+        (
+            "{type: toy.net}",
+            "{type: toy.fileless}",
+            "cart.yaml:9:3: regions.watcher: cannot be built: [Errno 2] No such",
+        ),
+        ("{type: toy.cart, noise: 0.8}", "{type: toy.broken_cart}", "cart.yaml:5:1: body: cannot be built: no cart"),
+        ("{type: toy.reach}", "{type: toy.far_reach}", "cart.yaml:6:1: task: the goal is too far for this body"),
+    ],
+)
+def test_what_cannot_be_built_is_named_with_its_place(tmp_path: Path, old: str, new: str, place: str) -> None:
+    with pytest.raises(ConfigError) as caught:
+        run(tmp_path, text=CART.replace(old, new))
+    assert place in str(caught.value)
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_region_that_no_step_uses_is_neither_built_nor_spoken_of(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    run(tmp_path, text=CART.replace("steps:", "  spare: {type: toy.missing}\nsteps:"))
+    assert capsys.readouterr().err == "note: the region `watcher` has no `weights`; it runs with fresh ones\n"
 
 
 def test_weights_of_a_region_that_no_step_uses_are_not_needed(tmp_path: Path) -> None:

@@ -16,13 +16,16 @@ from neurorobo.clock import Clock
 from neurorobo.config.experiment import load_experiment
 from neurorobo.errors import ConfigError, NeuroroboError
 from neurorobo.experiment import train as train_module
+from neurorobo.experiment.build import build_region
 from neurorobo.experiment.lessons import read_lessons
 from neurorobo.experiment.train import train_experiment
+from neurorobo.learning.checkpoint import Checkpoints
 from neurorobo.learning.phase import DataConfig, Phase
-from neurorobo.learning.supervise import Checkpoints, Progress
+from neurorobo.learning.supervise import Progress
 from neurorobo.plugins import Registrar, Registry, hookimpl
 from neurorobo.regions import Port, RegionConfig
 from neurorobo.regions.region import Probe, Region, State
+from neurorobo.regions.weights import save_weights
 
 HERE = "tests.experiment.test_train"
 
@@ -86,12 +89,18 @@ def set_gain(*, region: Region, phase: SetPhase, report: Any, **_: object) -> No
     report(Progress(1, 1, 0.0, {}, 0.0))
 
 
+class GonePhase(Phase):
+    implementation: ClassVar[str] = f"{HERE}:gone"
+    phase: Literal["school.gone"] = "school.gone"
+
+
 class Plugin:
     @hookimpl
     def neurorobo_register(self, registry: Registrar) -> None:
         registry.add("region", "school.scale", f"{HERE}:ScaleConfig")
         registry.add("data", "school.noise", f"{HERE}:NoiseConfig")
         registry.add("rule", "school.set", f"{HERE}:SetPhase")
+        registry.add("rule", "school.gone", f"{HERE}:GonePhase")
 
 
 FILE = """\
@@ -206,7 +215,7 @@ def test_training_one_region_keeps_what_is_known_of_the_others(tmp_path: Path) -
     assert phases[0] == first
 
 
-def test_an_interrupted_phase_goes_on_and_counts_all_its_time(tmp_path: Path) -> None:
+def test_an_interrupted_phase_goes_on_and_counts_all_its_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     straight, broken = tmp_path / "straight", tmp_path / "broken"
     for folder in (straight, broken):
         folder.mkdir()
@@ -216,10 +225,9 @@ def test_an_interrupted_phase_goes_on_and_counts_all_its_time(tmp_path: Path) ->
         if progress.done == 20:
             signal.raise_signal(signal.SIGINT)
 
-    with pytest.raises(KeyboardInterrupt):
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr(Checkpoints, "seconds", property(lambda self: 100.0))
         train(broken, report=interrupt)
-    spent = broken / "out" / "checkpoints" / "phase0.seconds"
-    spent.write_text("100.0")
     first, _ = train(broken)
     assert first.seconds >= 100
     assert gain(broken, "pupil") == gain(straight, "pupil")
@@ -238,3 +246,70 @@ def test_a_checkpoint_outlives_weights_that_could_not_be_saved(tmp_path: Path, m
     seen: list[int] = []
     train(tmp_path, report=lambda index, progress: seen.append(progress.done))
     assert seen == [1]  # the plugin's phase alone
+
+
+TWICE = FILE.replace("region: other", "region: pupil") + "  - {phase: school.set, region: pupil, to: 3.0}\n"
+
+
+def test_a_phase_is_tied_to_the_one_before_it(tmp_path: Path) -> None:
+    train(tmp_path, TWICE)
+    out = tmp_path / "out"
+    first, second, third = (out / f"phase{i}_pupil.safetensors" for i in range(3))
+    weights = first.read_bytes()
+    first.unlink()
+    with pytest.raises(NeuroroboError, match=r"phase1_pupil.safetensors goes on from phase0_pupil.safetensors, which"):
+        train(tmp_path, TWICE, report=lambda *_: pytest.fail("trained before it was refused"))
+    for file in (second, third):
+        file.rename(file.with_suffix(".kept"))
+    train(tmp_path, TWICE.replace("steps: 150", "steps: 140"))
+    for file in (second, third):
+        file.with_suffix(".kept").rename(file)
+    with pytest.raises(NeuroroboError, match=r"phase1_pupil.safetensors was trained from other weights than the phase"):
+        train(tmp_path, TWICE.replace("steps: 150", "steps: 140"))
+    first.write_bytes(weights)
+    train(tmp_path, TWICE, report=lambda *_: pytest.fail("trained again"))
+
+
+def test_a_checkpoint_without_the_phase_before_it_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "out" / "checkpoints").mkdir(parents=True)
+    (tmp_path / "out" / "checkpoints" / "phase1.safetensors").write_bytes(b"")
+    with pytest.raises(
+        NeuroroboError, match=r"phase1.safetensors goes on from phase0_pupil.safetensors, which is gone"
+    ):
+        train(tmp_path, TWICE)
+
+
+def test_weights_that_do_not_say_how_they_were_trained_are_refused(tmp_path: Path) -> None:
+    experiment, [lesson, _] = lessons(tmp_path)
+    region = build_region(lesson.pupil, experiment, torch.Generator())
+    save_weights(region, tmp_path / "out" / "phase0_pupil.safetensors", {"phase": "0", "seconds": "1"})
+    with pytest.raises(NeuroroboError, match="was trained by another version, which does not say how; remove it"):
+        train(tmp_path)
+
+
+@pytest.mark.parametrize("place", ["out", "out/checkpoints"])
+def test_a_folder_that_cannot_be_written_is_named_before_any_phase_runs(tmp_path: Path, place: str) -> None:
+    (tmp_path / place).parent.mkdir(exist_ok=True)
+    (tmp_path / place).write_text("a file")
+    with pytest.raises(NeuroroboError, match=rf"{place} cannot be written .*; make room for it, or choose another"):
+        train(tmp_path, report=lambda *_: pytest.fail("trained before it was refused"))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (
+            "pupil: {type: school.scale}",
+            "pupil: {type: school.scale, unit: foo}",
+            "train.0.region: 'foo' is not a unit",
+        ),
+        ("{type: school.scale, gain: 2.0}", "{type: school.scale, unit: foo}", "train.0.teacher: 'foo' is not a unit"),
+    ],
+)
+def test_ports_that_cannot_be_are_faults(tmp_path: Path, old: str, new: str, message: str) -> None:
+    assert message in refused(tmp_path, old, new)
+
+
+def test_a_rule_that_cannot_be_imported_is_told_before_any_phase_runs(tmp_path: Path) -> None:
+    message = refused(tmp_path, "phase: school.set, region: other, to: 7.0", "phase: school.gone, region: other", True)
+    assert "train.1: `tests.experiment.test_train:gone` cannot be imported" in message

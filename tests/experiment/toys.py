@@ -9,6 +9,7 @@ from torch import Tensor
 
 from neurorobo.clock import Clock
 from neurorobo.codes import Poisson
+from neurorobo.errors import NeuroroboError
 from neurorobo.experiment.recorder import Recorder, Sample, Setting
 from neurorobo.graph.brain import Brain
 from neurorobo.graph.compile import compile_graph
@@ -17,7 +18,7 @@ from neurorobo.plugins import Registrar, Registry, hookimpl
 from neurorobo.regions import Port, RegionConfig
 from neurorobo.regions.region import Probe, Region, State
 from tests.regions.toys import Net, NetConfig
-from tests.tasks.toys import CartConfig
+from tests.tasks.toys import Cart, CartConfig, ReachConfig
 
 SECOND = 1_000_000_000
 CLOCK = Clock({"control": SECOND, "slow": 2 * SECOND}, 1_000_000, 20)
@@ -125,6 +126,45 @@ class Clumsy(Impatient):
     error = ZeroDivisionError()
 
 
+class MissingConfig(NetConfig):
+    """Its network is in a module that there is not."""
+
+    implementation: ClassVar[str] = "tests.experiment.gone:Gone"
+    type: Literal["toy.missing"] = "toy.missing"  # type: ignore[assignment]
+
+
+class FilelessConfig(NetConfig):
+    """Its network needs a file that there is not."""
+
+    implementation: ClassVar[str] = "tests.experiment.toys:Fileless"
+    type: Literal["toy.fileless"] = "toy.fileless"  # type: ignore[assignment]
+
+
+class Fileless(Net):
+    def __init__(self, *arguments: object) -> None:
+        Path("/nowhere/table.csv").read_text()
+
+
+class BrokenCartConfig(CartConfig):
+    implementation: ClassVar[str] = "tests.experiment.toys:BrokenCart"
+    type: Literal["toy.broken_cart"] = "toy.broken_cart"  # type: ignore[assignment]
+
+
+class BrokenCart:
+    def __init__(self, config: BrokenCartConfig) -> None:
+        raise OSError("no cart is connected")
+
+
+class FarReachConfig(ReachConfig):
+    implementation: ClassVar[str] = "tests.experiment.toys:FarReach"
+    type: Literal["toy.far_reach"] = "toy.far_reach"  # type: ignore[assignment]
+
+
+class FarReach:
+    def __init__(self, config: FarReachConfig, body: Cart) -> None:
+        raise NeuroroboError("the goal is too far for this body; bring it nearer")
+
+
 class Plugin:
     """Registers the toys."""
 
@@ -132,6 +172,10 @@ class Plugin:
     def neurorobo_register(self, registry: Registrar) -> None:
         registry.add("region", "toy.drive", "tests.experiment.toys:DriveConfig")
         registry.add("region", "toy.net", "tests.regions.toys:NetConfig")
+        registry.add("region", "toy.missing", "tests.experiment.toys:MissingConfig")
+        registry.add("region", "toy.fileless", "tests.experiment.toys:FilelessConfig")
+        registry.add("body", "toy.broken_cart", "tests.experiment.toys:BrokenCartConfig")
+        registry.add("task", "toy.far_reach", "tests.experiment.toys:FarReachConfig")
         registry.add("body", "toy.cart", "tests.tasks.toys:CartConfig")
         registry.add("task", "toy.reach", "tests.tasks.toys:ReachConfig")
         registry.add("recorder", "toy.impatient", "tests.experiment.toys:Impatient")

@@ -1,21 +1,41 @@
 """What a compiled graph computes: order, memory, periods, state policies."""
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 import pytest
 import torch
+from safetensors.torch import load_file, save_file
 
 from neurorobo.bodies import Sensor
 from neurorobo.clock import Clock
+from neurorobo.codes import Poisson
 from neurorobo.errors import NeuroroboError
 from neurorobo.graph.brain import Brain, BrainState
 from neurorobo.graph.compile import compile_graph
 from neurorobo.graph.spec import RepeatSpec, StepSpec
-from neurorobo.regions import RegionConfig
+from neurorobo.regions import Port, RegionConfig
 from tests.graph.toys import Add, AddConfig, Count, CountConfig, SpikingRelay, SpikingRelayConfig
 
 MS = 1_000_000
-IMPLEMENTATIONS = {AddConfig: Add, CountConfig: Count, SpikingRelayConfig: SpikingRelay}
+
+
+class NoisyRelayConfig(SpikingRelayConfig):
+    """Hears the quantity in random spikes."""
+
+    def inputs(self, clock: Clock) -> dict[str, Port]:
+        return {"a": Port("mN", code=Poisson(self.neurons, 0.0, self.hi), initial=(10.0,))}
+
+    def outputs(self, clock: Clock) -> dict[str, Port]:
+        return {"same": Port("mN", code=Poisson(self.neurons, 0.0, self.hi))}
+
+
+IMPLEMENTATIONS = {
+    AddConfig: Add,
+    CountConfig: Count,
+    SpikingRelayConfig: SpikingRelay,
+    NoisyRelayConfig: SpikingRelay,
+}
 CLOCK = Clock({"control": 1000 * MS, "fast": 250 * MS}, MS, 50)
 
 
@@ -56,7 +76,7 @@ def run(
     listener = Listener()
     for force in forces:
         listener.tick = state.tick
-        _, state = brain.tick({"force": torch.tensor([[force]])}, state, listener)
+        _, state = brain.tick({"force": torch.tensor([[float(force)]])}, state, listener)
     return listener.seen, state
 
 
@@ -304,9 +324,46 @@ def test_what_a_code_cannot_say_is_counted_for_each_run() -> None:
     assert counts == [("a.a", [1, 0, 0, 1]), ("b.a", [0, 0, 1, 1])]
 
 
+def test_a_sensor_is_encoded_only_where_it_is_read() -> None:
+    class Counter(Listener):
+        def saturated(self, edge, count):  # type: ignore[no-untyped-def]
+            counted.append((edge.name, state.tick))
+
+    counted: list[tuple[str, int]] = []
+    brain = brain_of(
+        {"relay": SpikingRelayConfig()},
+        [
+            StepSpec("slow", "relay", inputs={"a": "body.force"}),
+            StepSpec("quick", "relay", every="fast", inputs={"a": "body.force"}),
+            StepSpec("late", "relay", inputs={"a": "previous body.force"}),
+        ],
+        {"push": "slow.same", "pull": "late.same"},
+    )
+    state, commands = brain.init_state([0]), []
+    for tick in range(6):
+        due, state = brain.tick({"force": torch.tensor([[20.0 + tick]])}, state, Counter())
+        commands.append({name: float(value) for name, value in due.items()})
+    assert [tick for name, tick in counted if name == "slow.a"] == [0, 4]
+    assert [tick for name, tick in counted if name == "quick.a"] == [0, 1, 2, 3, 4, 5]
+    assert [tick for name, tick in counted if name == "late.a"] == [
+        0,
+        1,
+        2,
+        3,
+        4,
+        5,
+    ]  # of which it reads the one before
+    assert [command for command in commands if command] == [{"push": 20.0, "pull": 10.0}, {"push": 24.0, "pull": 23.0}]
+
+
 def everything() -> Brain:
     return brain_of(
-        {"add": AddConfig(), "count": CountConfig(carry="always"), "relay": SpikingRelayConfig()},
+        {
+            "add": AddConfig(),
+            "count": CountConfig(carry="always"),
+            "relay": SpikingRelayConfig(),
+            "noisy": NoisyRelayConfig(),
+        },
         [
             RepeatSpec(
                 2, (StepSpec("imagine", "add", inputs={"a": "body.force then imagine.sum", "b": "previous act.same"}),)
@@ -314,17 +371,19 @@ def everything() -> Brain:
             StepSpec("plan", "count", inputs={"a": "mean quick.count"}),
             StepSpec("quick", "count", every="fast", inputs={"a": "plan.count delayed 750 ms"}),
             StepSpec("act", "relay", every="fast", inputs={"a": "quick.count"}),
+            StepSpec("doubt", "noisy", every="fast", inputs={"a": "body.force delayed 500 ms"}),
         ],
-        {"push": "act.same"},
+        {"push": "act.same", "pull": "doubt.same"},
     )
 
 
-def test_twice_n_ticks_equal_n_ticks_saved_loaded_and_n_more_bit_for_bit() -> None:
+def test_twice_n_ticks_equal_n_ticks_saved_loaded_and_n_more_bit_for_bit(tmp_path: Path) -> None:
     forces = [float(i * 7 % 13) for i in range(14)]
-    _, straight = run(everything(), forces)
+    seen, straight = run(everything(), forces)
     _, half = run(everything(), forces[:7])
-    restored = BrainState.from_tensors({name: tensor.clone() for name, tensor in half.tensors().items()})
-    _, resumed = run(everything(), forces[7:], restored)
+    save_file(half.tensors(), tmp_path / "state.safetensors")
+    later, resumed = run(everything(), forces[7:], BrainState.from_tensors(load_file(tmp_path / "state.safetensors")))
+    assert later == seen[-len(later) :]
     assert straight.tensors().keys() == resumed.tensors().keys()
     for name, tensor in straight.tensors().items():
         assert torch.equal(tensor, resumed.tensors()[name]), name

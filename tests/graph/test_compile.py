@@ -8,7 +8,7 @@ from neurorobo.codes import PopulationUniform
 from neurorobo.errors import ConfigError
 from neurorobo.graph.compile import compile_graph
 from neurorobo.graph.spec import RepeatSpec, StepSpec
-from neurorobo.regions import Port
+from neurorobo.regions import Port, RegionConfig
 from tests.graph.toys import AddConfig, CountConfig, SpikingRelayConfig
 
 MS = 1_000_000
@@ -35,8 +35,6 @@ REGIONS = {
     "count": CountConfig(),
     "relay": SpikingRelayConfig(),
     "needy": NeedyConfig(),
-    "odd_unit": AddConfig(unit="foo"),
-    "out_of_range": OutOfRangeConfig(),
 }
 
 
@@ -89,8 +87,6 @@ def faults(*steps: StepSpec | RepeatSpec, command: dict[str, str] | None = None)
             "declares no initial one",
         ),
         ([step("s"), step("q", path=1, every="fast", a="sum s.sum")], "steps.1.q.a", "sees its value held"),
-        ([step("x", "odd_unit")], "regions.odd_unit", "'foo' is not a unit"),
-        ([step("x", "out_of_range")], "regions.out_of_range", "`a` starts at 10 mN, outside the range 20..30"),
         (
             [RepeatSpec(2, (step("x"), step("y", every="fast")), ("steps", 0))],
             "steps.0",
@@ -102,6 +98,26 @@ def test_a_fault_names_place_and_cure(steps: list[StepSpec | RepeatSpec], place:
     (line,) = faults(*steps)
     assert line.startswith(place + ": ")
     assert words in line
+
+
+@pytest.mark.parametrize("steps", [[step("x", "spare")], [step("x", "add")]])
+@pytest.mark.parametrize(
+    ("config", "message"),
+    [
+        (AddConfig(unit="foo"), "'foo' is not a unit"),
+        (OutOfRangeConfig(), "`a` starts at 10 mN, outside the range 20..30"),
+        (SpikingRelayConfig(neurons=-8), "a code needs at least one neuron (got -8); give it 1 or more"),
+    ],
+)
+def test_the_ports_of_every_region_are_checked_once_whether_a_step_uses_it_or_not(
+    steps: list[StepSpec], config: RegionConfig, message: str
+) -> None:
+    regions = {**REGIONS, "spare": config}
+    with pytest.raises(ConfigError) as caught:
+        compile_graph(steps, {}, regions, CLOCK, {}, {})
+    (fault,) = caught.value.faults
+    assert fault.path == ("regions", "spare")
+    assert message in fault.message
 
 
 def test_a_cycle_is_named_along_its_path() -> None:

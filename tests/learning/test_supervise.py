@@ -10,11 +10,13 @@ import torch
 from torch import Tensor, nn
 
 from neurorobo.clock import Clock
-from neurorobo.codes import PopulationUniform
+from neurorobo.codes import Poisson, PopulationUniform, TimeToFirstSpike
 from neurorobo.engine import Layer
 from neurorobo.errors import ConfigError, NeuroroboError
+from neurorobo.learning.checkpoint import Checkpoints
+from neurorobo.learning.evaluate import evaluate
 from neurorobo.learning.phase import SupervisePhase, Unroll
-from neurorobo.learning.supervise import Checkpoints, Progress, evaluate, supervise
+from neurorobo.learning.supervise import Progress, supervise
 from neurorobo.neurons import LIF
 from neurorobo.regions.config import RegionConfig
 from neurorobo.regions.port import Port
@@ -175,8 +177,64 @@ def test_a_checkpoint_of_another_phase_is_refused(tmp_path: Path) -> None:
     checkpoints = Checkpoints(tmp_path / "phase.safetensors")
     with pytest.raises(KeyboardInterrupt):
         train(spiking(), phase(), report=interrupt_at(3), checkpoints=checkpoints)
-    with pytest.raises(NeuroroboError, match="another training phase"):
+    with pytest.raises(NeuroroboError, match="another training: the settings of the phase differ; remove it"):
         train(spiking(), phase(seed=5), checkpoints=checkpoints)
+
+
+def test_a_checkpoint_of_another_region_clock_or_past_is_refused(tmp_path: Path) -> None:
+    class Wide(SpikingConfig):
+        type: str = "wide"
+
+    checkpoints = Checkpoints(tmp_path / "phase.safetensors")
+    with pytest.raises(KeyboardInterrupt):
+        train(spiking(), phase(), report=interrupt_at(3), checkpoints=checkpoints)
+    later = Clock({"control": 2_000_000_000}, 1_000_000, 20)
+    generator = torch.Generator()
+    for region, words in (
+        (Spiking(Wide(), CLOCK, generator), "the configuration of the region"),
+        (Spiking(SpikingConfig(), later, generator), "the clock"),
+    ):
+        with pytest.raises(NeuroroboError, match=f"another training: {words} differ; remove it"):
+            train(region, phase(), checkpoints=checkpoints)
+    with pytest.raises(NeuroroboError, match="the weights of the phase before differ"):
+        train(spiking(), phase(), checkpoints=Checkpoints(checkpoints.file, after="0123"))
+
+
+def test_a_checkpoint_that_cannot_be_written_is_named(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    checkpoints = Checkpoints(tmp_path / "file" / "phase.safetensors", every_s=0)
+    with pytest.raises(NeuroroboError, match=r"phase.safetensors cannot be written .*; make room"):
+        train(spiking(), phase(), checkpoints=checkpoints)
+
+
+class PoissonConfig(SpikingConfig):
+    def inputs(self, clock: Clock) -> dict[str, Port]:
+        return {"x": Port("mN", 2, Poisson(6, -1.0, 1.0))}
+
+
+class LatencyConfig(SpikingConfig):
+    def outputs(self, clock: Clock) -> dict[str, Port]:
+        return {"y": Port("um", 2, TimeToFirstSpike(5, -1.0, 1.0))}
+
+
+def test_a_region_can_be_taught_what_it_hears_in_random_spikes_drawn_from_the_phase_s_generator() -> None:
+    trained = []
+    for _ in range(2):
+        region = Spiking(PoissonConfig(), CLOCK, torch.Generator().manual_seed(1))
+        before = rms(region)
+        train(region, phase(steps=60))
+        assert rms(region) < 0.7 * before
+        trained.append(weights(region))
+    assert not changed(*trained)
+
+
+def test_what_is_said_in_a_code_without_gradient_cannot_be_taught() -> None:
+    region = Spiking(LatencyConfig(), CLOCK, torch.Generator().manual_seed(1))
+    with pytest.raises(ConfigError) as raised:
+        train(region, phase())
+    (fault,) = raised.value.faults
+    assert fault.path == ("loss", "y")
+    assert "the code of `y`, TimeToFirstSpike, which has no gradient; give it one" in fault.message
 
 
 def test_a_file_that_is_no_checkpoint_is_refused(tmp_path: Path) -> None:

@@ -15,8 +15,9 @@ from torch import Tensor
 
 from neurorobo.clock import Clock
 from neurorobo.errors import ConfigError
+from neurorobo.learning.evaluate import evaluate
 from neurorobo.learning.phase import SupervisePhase
-from neurorobo.learning.supervise import evaluate, supervise
+from neurorobo.learning.supervise import supervise
 
 SMALL = {"granule_cells": 80, "purkinje_cells": 40}
 PERIODS_MS = (1000, 200, 50)

@@ -15,8 +15,9 @@ from torch import Tensor
 
 from neurorobo.clock import Clock
 from neurorobo.errors import ConfigError
+from neurorobo.learning.evaluate import evaluate
 from neurorobo.learning.phase import SupervisePhase, Unroll
-from neurorobo.learning.supervise import evaluate, supervise
+from neurorobo.learning.supervise import supervise
 
 FEEDBACK = {"mean_feedback": "mean", "variance_feedback": "variance"}
 

@@ -15,8 +15,9 @@ from torch import Tensor
 
 from neurorobo.clock import Clock
 from neurorobo.errors import ConfigError
+from neurorobo.learning.evaluate import evaluate
 from neurorobo.learning.phase import SupervisePhase
-from neurorobo.learning.supervise import evaluate, supervise
+from neurorobo.learning.supervise import supervise
 
 CLOCK = Clock({"control": 10**9}, 10**6, 50)
 SMALL = {"prediction_neurons": 40, "terminal_neurons": 30, "general_neurons": 40, "hidden_neurons": (80, 40)}

@@ -9,11 +9,11 @@ import torch
 from torch import Tensor, nn
 
 from neurorobo.config.experiment import Experiment, load_experiment
-from neurorobo.experiment.build import build_brain, build_region, build_task, implementation
+from neurorobo.experiment.build import build, build_brain, build_region, build_task
 from neurorobo.experiment.closed_loop import run_episodes
 from neurorobo.experiment.lessons import read_lessons
 from neurorobo.graph.brain import Brain
-from neurorobo.learning.supervise import Evaluation, evaluate
+from neurorobo.learning.evaluate import Evaluation, evaluate
 from neurorobo.plugins import Registry
 from neurorobo.regions.region import Region
 
@@ -116,7 +116,7 @@ def compared(experiment: Experiment, region: str, index: int, **data: float) -> 
     return evaluate(
         build_brain(experiment).region(region),
         build_region(lesson.teacher, experiment, torch.Generator()),
-        implementation(source.implementation)(source, experiment.clock),
+        build(source, experiment.clock),
         torch.Generator().manual_seed(999_999),
         outputs=lesson.phase.loss,
         unroll=lesson.phase.unroll,

@@ -16,8 +16,9 @@ from neurorobo.config.document import dump
 from neurorobo.errors import ConfigError
 from neurorobo.experiment.build import build_brain
 from neurorobo.experiment.closed_loop import run_episodes
+from neurorobo.learning.evaluate import evaluate
 from neurorobo.learning.phase import SupervisePhase
-from neurorobo.learning.supervise import evaluate, supervise
+from neurorobo.learning.supervise import supervise
 from neurorobo.neurons import LIF
 from neurorobo.neurons.config import LIFConfig, SpikingNeuralUnitConfig
 from neurorobo.plugins import Registry

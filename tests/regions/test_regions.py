@@ -7,6 +7,7 @@ from neurorobo.codes import PopulationUniform
 from neurorobo.regions import Port
 from neurorobo.regions.region import constrain
 from neurorobo.regions.sum_config import SumConfig
+from neurorobo.regions.values import initial_value
 from neurorobo.synapses import Dense
 from tests.regions.toys import CLOCK, net
 
@@ -19,6 +20,12 @@ def test_a_port_knows_its_channels() -> None:
 def test_an_initial_value_of_another_width_is_refused() -> None:
     with pytest.raises(ValueError, match="width 2 cannot start at"):
         Port("mN", 2, initial=(0.0,))
+
+
+def test_an_initial_value_of_whole_numbers_is_one_of_floats() -> None:
+    start = initial_value(Port("mN", 2, initial=(0, 3)), batch=4, steps=20, generators=())
+    assert start.dtype == torch.float32
+    assert start.tolist() == [[0.0, 3.0]] * 4
 
 
 def test_constrain_keeps_trained_thresholds_positive() -> None:

@@ -6,10 +6,8 @@ from pydantic import BaseModel, ValidationError
 
 from neurorobo.config.faults import faults_of, validation_error
 from neurorobo.errors import ConfigError, Fault, NeuroroboError
-from neurorobo.plugged import READER, Plugged
+from neurorobo.plugged_field import READER
 from neurorobo.plugins import Kind, Registry
-
-__all__ = ["REGISTRY", "Plugged", "read_plugged", "validation_context"]
 
 REGISTRY = "registry"
 """The entry of pydantic's validation context that holds the registry."""

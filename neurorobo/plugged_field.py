@@ -1,4 +1,4 @@
-"""Fields of a configuration whose model a plugin provides; :mod:`neurorobo.config` reads them."""
+"""Fields of a configuration whose model a plugin provides; :mod:`neurorobo.config.plugged_reader` reads them."""
 
 from dataclasses import dataclass
 from typing import Any
