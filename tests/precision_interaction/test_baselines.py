@@ -3,17 +3,11 @@ from itertools import pairwise
 
 import pytest
 import torch
-from precision_interaction.analytic_configs import (
-    FixedStepConfig,
-    PidConfig,
-    PlannerConfig,
-    PredictiveConfig,
-    ProfileConfig,
-    TrapezoidConfig,
-)
-from precision_interaction.baselines import FixedStepPlanner, PidCompensator, TrapezoidPlanner, pid, pid_start
-from precision_interaction.compensators import predictive, profile
-from precision_interaction.pid_tuning import (
+from precision_interaction.baselines.fixed_plans import FixedStepPlanner, TrapezoidPlanner
+from precision_interaction.baselines.fixed_plans_config import FixedStepConfig, TrapezoidConfig
+from precision_interaction.baselines.pid import PidCompensator, pid, pid_start
+from precision_interaction.baselines.pid_config import PidConfig
+from precision_interaction.baselines.pid_tuning import (
     Gains,
     UltimateGain,
     compensation_test,
@@ -23,6 +17,9 @@ from precision_interaction.pid_tuning import (
     ultimate_gain,
     ziegler_nichols,
 )
+from precision_interaction.teachers.compensators import predictive, profile
+from precision_interaction.teachers.compensators_config import PredictiveConfig, ProfileConfig
+from precision_interaction.teachers.planner_config import PlannerConfig
 from torch import Tensor
 
 from neurorobo.clock import Clock

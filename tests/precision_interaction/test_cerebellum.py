@@ -6,11 +6,11 @@ from typing import Any
 
 import pytest
 import torch
-from precision_interaction.analytic_configs import PredictiveConfig
-from precision_interaction.cerebellum import Cerebellum
-from precision_interaction.cerebellum_config import CerebellumConfig
-from precision_interaction.compensation_data import CompensationStates, CompensationStatesConfig
-from precision_interaction.compensators import PredictiveCompensator
+from precision_interaction.data.compensation_states import CompensationStates, CompensationStatesConfig
+from precision_interaction.regions.cerebellum import Cerebellum
+from precision_interaction.regions.cerebellum_config import CerebellumConfig
+from precision_interaction.teachers.compensators import PredictiveCompensator
+from precision_interaction.teachers.compensators_config import PredictiveConfig
 from torch import Tensor
 
 from neurorobo.clock import Clock
@@ -40,7 +40,7 @@ def spikes(region: Cerebellum, values: dict[str, Tensor]) -> dict[str, Tensor]:
     return {name: port.code.encode(values[name], 50) for name, port in region.input_ports.items() if port.code}
 
 
-@pytest.mark.parametrize("module", ["cerebellum_config", "compensation_data"])
+@pytest.mark.parametrize("module", ["regions.cerebellum_config", "data.compensation_states"])
 def test_configurations_do_not_import_torch(module: str) -> None:
     check = f"import sys, precision_interaction.{module}; sys.exit('torch' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", check], check=False).returncode == 0

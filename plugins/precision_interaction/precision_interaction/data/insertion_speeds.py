@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 class InsertionSpeedsConfig(DataConfig):
     """Axial speeds that cover their range evenly; what else the hippocampus reads starts at nothing."""
 
-    implementation: ClassVar[str] = "precision_interaction.speed_data:InsertionSpeeds"
+    implementation: ClassVar[str] = "precision_interaction.data.insertion_speeds:InsertionSpeeds"
 
     type: Literal["precision.insertion_speeds"] = "precision.insertion_speeds"
     speed: Annotated[Interval, Unit("um/s")] = Interval(0.0, table_one.MAX_SPEED_UM_S)

@@ -12,7 +12,7 @@ from torch import Tensor
 
 from neurorobo.regions.region import Probe, Region, State
 from precision_interaction import table_one
-from precision_interaction.analytic_configs import PlannerConfig
+from precision_interaction.teachers.planner_config import PlannerConfig
 
 WITHIN_ONE_DEVIATION = math.erf(math.sqrt(0.5)) ** 2  # T_p of Eq. 22
 

@@ -108,7 +108,7 @@ ContactConfig = Annotated[
 class InsertionRigConfig(BodyConfig):
     """A peg on a radial x-y stage, a hole on an axial elevator, and a force sensor (Table I, Sec. VI-B)."""
 
-    implementation: ClassVar[str] = "precision_interaction.rig:InsertionRig"
+    implementation: ClassVar[str] = "precision_interaction.rig.insertion_rig:InsertionRig"
 
     type: Literal["precision.insertion_rig"] = "precision.insertion_rig"
     contact: ContactConfig = MeasuredContactConfig()

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from neurorobo.bodies import Array, Body
 from neurorobo.errors import NeuroroboError
 from neurorobo.tasks.task import Flags, Task
-from precision_interaction.rig import InsertionRig
-from precision_interaction.task_config import InsertionTaskConfig
+from precision_interaction.rig.insertion_rig import InsertionRig
+from precision_interaction.rig.insertion_task_config import InsertionTaskConfig
 
 
 class InsertionTask(Task[InsertionRig]):
@@ -21,7 +21,7 @@ class InsertionTask(Task[InsertionRig]):
     the time limit.
     """
 
-    scene: ClassVar[str | None] = "precision_interaction.scene:InsertionScene"
+    scene: ClassVar[str | None] = "precision_interaction.rig.scene:InsertionScene"
 
     def __init__(self, config: InsertionTaskConfig, body: Body) -> None:
         if not isinstance(body, InsertionRig):

@@ -10,7 +10,7 @@ from neurorobo.engine import Layer
 from neurorobo.neurons import LIF, Surrogate
 from neurorobo.regions.region import Probe, Region, State
 from neurorobo.synapses import Dense, FanIn
-from precision_interaction.cerebellum_config import CerebellumConfig
+from precision_interaction.regions.cerebellum_config import CerebellumConfig
 
 INPUTS = ("velocity", "force", "mean", "variance")
 OUTPUTS = 4  # components: move x, y and residual x, y

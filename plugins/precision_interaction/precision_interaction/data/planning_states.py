@@ -25,7 +25,7 @@ class PlanningStatesConfig(DataConfig):
     run that goes well or, for the share `off_policy`, anything up to `largest_force` and `largest_variance`.
     """
 
-    implementation: ClassVar[str] = "precision_interaction.planning_data:PlanningStates"
+    implementation: ClassVar[str] = "precision_interaction.data.planning_states:PlanningStates"
 
     type: Literal["precision.planning_states"] = "precision.planning_states"
     length: Annotated[float, Unit("um", gt=0)] = table_one.LENGTH_UM
@@ -53,7 +53,7 @@ class PlanningStates:
         """Return force, forecast (mN), variance (mN^2), remaining (um), speed (um/s) and beta, (batch, width) each."""
         import torch
 
-        from precision_interaction.planner import stopping_speed
+        from precision_interaction.teachers.planner import stopping_speed
 
         config = self._config
 

@@ -19,7 +19,7 @@ class HippocampusConfig(RegionConfig):
     spikes stay the same.
     """
 
-    implementation: ClassVar[str] = "precision_interaction.hippocampus:Hippocampus"
+    implementation: ClassVar[str] = "precision_interaction.regions.hippocampus:Hippocampus"
     pretrained_package: ClassVar[str | None] = "precision_interaction.weights"
     not_in_signature: ClassVar[frozenset[str]] = RegionConfig.not_in_signature | {"period", "start_speed"}
 

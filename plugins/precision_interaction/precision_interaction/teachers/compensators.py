@@ -12,8 +12,8 @@ from torch import Tensor
 
 from neurorobo.regions.region import Probe, Region, State
 from precision_interaction import table_one
-from precision_interaction.analytic_configs import PredictiveConfig, ProfileConfig
-from precision_interaction.planner import stopping_speed
+from precision_interaction.teachers.compensators_config import PredictiveConfig, ProfileConfig
+from precision_interaction.teachers.planner import stopping_speed
 
 
 class Compensation(NamedTuple):

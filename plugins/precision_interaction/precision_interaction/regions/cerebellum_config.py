@@ -25,7 +25,7 @@ class CerebellumConfig(RegionConfig):
     follow from the length of the period (:func:`default_ranges`).
     """
 
-    implementation: ClassVar[str] = "precision_interaction.cerebellum:Cerebellum"
+    implementation: ClassVar[str] = "precision_interaction.regions.cerebellum:Cerebellum"
     pretrained_package: ClassVar[str | None] = "precision_interaction.weights"
 
     type: Literal["precision.cerebellum"] = "precision.cerebellum"

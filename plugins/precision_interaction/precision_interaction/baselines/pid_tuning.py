@@ -7,9 +7,10 @@ import torch
 from torch import Tensor
 
 from neurorobo.regions.region import State
-from precision_interaction import contact_law, table_one
-from precision_interaction.baselines import pid, pid_start
-from precision_interaction.compensators import Compensation
+from precision_interaction import table_one
+from precision_interaction.baselines.pid import pid, pid_start
+from precision_interaction.teachers.compensators import Compensation
+from precision_interaction.teachers.contact_expectation import one_period
 
 Controller = Callable[[Tensor, State, Tensor, Tensor], tuple[Compensation, State]]
 """(force, state, mean, variance) -> (compensation, state); the state holds at least the `velocity`."""
@@ -79,7 +80,7 @@ def compensation_test(
     shape = (trajectories, 2)
     force_mN = (64.0 + 16.0 * torch.rand(shape, generator=generator)).expand(copies, *shape)
     velocity_um_s = (-2.0 * torch.rand(shape, generator=generator)).expand(copies, *shape)
-    mean_mN, variance_mN2 = contact_law.one_period(torch.tensor([TEST_SPEED_UM_S]), period_s=period_s)
+    mean_mN, variance_mN2 = one_period(torch.tensor([TEST_SPEED_UM_S]), period_s=period_s)
     state = pid_start(force_mN, velocity_um_s)
     total_mN = torch.zeros(copies, trajectories)
     for _ in range(TEST_PERIODS):

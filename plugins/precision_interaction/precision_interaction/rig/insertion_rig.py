@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 from neurorobo.bodies.body import Array, Body
 from neurorobo.errors import NeuroroboError
 from neurorobo.units import format_duration
-from precision_interaction.contact import Contact, Law, Line, RandomContact, RecordedContact, Table
-from precision_interaction.rig_config import (
+from precision_interaction.rig.contact import Contact, Law, Line, RandomContact, RecordedContact, Table
+from precision_interaction.rig.insertion_rig_config import (
     ContactConfig,
     InsertionRigConfig,
     RecordedContactConfig,

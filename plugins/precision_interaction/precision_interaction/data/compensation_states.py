@@ -8,7 +8,7 @@ from neurorobo.clock import Clock
 from neurorobo.learning.phase import DataConfig
 from neurorobo.units import Interval, Unit
 from precision_interaction import table_one
-from precision_interaction.cerebellum_config import default_ranges
+from precision_interaction.regions.cerebellum_config import default_ranges
 
 if TYPE_CHECKING:
     import torch
@@ -23,7 +23,7 @@ class CompensationStatesConfig(DataConfig):
     can occur instead.
     """
 
-    implementation: ClassVar[str] = "precision_interaction.compensation_data:CompensationStates"
+    implementation: ClassVar[str] = "precision_interaction.data.compensation_states:CompensationStates"
 
     type: Literal["precision.compensation_states"] = "precision.compensation_states"
     period: str = Field(default="radial", description="Name of the period of the radial moves, as under `time`.")

@@ -10,7 +10,7 @@ from neurorobo.engine import Layer
 from neurorobo.neurons import LIF, Surrogate, spiking_neural_unit
 from neurorobo.regions.region import Probe, Region, State
 from neurorobo.synapses import Dense
-from precision_interaction.hippocampus_config import HippocampusConfig
+from precision_interaction.regions.hippocampus_config import HippocampusConfig
 
 SURROGATE = Surrogate("arctan", 1.0)
 

@@ -11,7 +11,7 @@ from neurorobo.engine import Layer
 from neurorobo.neurons import LIF, Surrogate
 from neurorobo.regions.region import Probe, Region, State
 from neurorobo.synapses import Dense
-from precision_interaction.prefrontal_cortex_config import PrefrontalCortexConfig
+from precision_interaction.regions.prefrontal_cortex_config import PrefrontalCortexConfig
 
 NEURON = LIF(surrogate=Surrogate("arctan", 1.0))  # its tails let a silent output neuron recover
 

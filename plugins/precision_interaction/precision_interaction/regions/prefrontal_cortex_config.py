@@ -35,7 +35,7 @@ class PrefrontalCortexConfig(RegionConfig):
     reads the distance left and the speed and learns the terminal signal s_l (Eq. 26). The rest of the layer reads all.
     """
 
-    implementation: ClassVar[str] = "precision_interaction.prefrontal_cortex:PrefrontalCortex"
+    implementation: ClassVar[str] = "precision_interaction.regions.prefrontal_cortex:PrefrontalCortex"
     pretrained_package: ClassVar[str | None] = "precision_interaction.weights"
     not_in_signature: ClassVar[frozenset[str]] = RegionConfig.not_in_signature | {
         "period",

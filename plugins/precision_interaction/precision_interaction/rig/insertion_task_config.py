@@ -12,7 +12,7 @@ from precision_interaction import table_one
 class InsertionTaskConfig(TaskConfig):
     """Insert the peg fully, fast, and with small radial forces (Eq. 3)."""
 
-    implementation: ClassVar[str] = "precision_interaction.task:InsertionTask"
+    implementation: ClassVar[str] = "precision_interaction.rig.insertion_task:InsertionTask"
 
     type: Literal["precision.insertion"] = "precision.insertion"
     tolerance: Annotated[float, Unit("um", gt=0)] = Field(

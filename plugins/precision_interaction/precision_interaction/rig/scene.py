@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from neurorobo.experiment.recorder import Setting
 from neurorobo.views.recording import TIMELINES, Episode
-from precision_interaction.rig import InsertionRig
+from precision_interaction.rig.insertion_rig import InsertionRig
 
 if TYPE_CHECKING:
     from rerun import Mesh3D, RecordingStream

@@ -8,7 +8,7 @@ from torch import Tensor
 
 from neurorobo.regions.region import Probe, Region, State
 from precision_interaction import table_one
-from precision_interaction.analytic_configs import ApproachConfig, ContactLawConfig
+from precision_interaction.teachers.contact_expectation_config import ContactLawConfig
 
 LawName = Literal["proportional", "measured"]
 
@@ -68,12 +68,6 @@ def expect(
     )
 
 
-def approach(speed_um_s: Tensor, remaining_um: Tensor, *, length_um: float, gap_um: float, period_s: float) -> Tensor:
-    """The speed (batch, 1) at which contact is to be expected: 0 while the coming period ends inside the gap."""
-    travel_after_um = length_um - remaining_um + speed_um_s * period_s
-    return torch.where(travel_after_um > gap_um, speed_um_s, torch.zeros_like(speed_um_s))
-
-
 class ContactLaw(Region):
     """The region that computes `expect`."""
 
@@ -93,22 +87,3 @@ class ContactLaw(Region):
             doubling=self.config.doubling,
         )
         return {"mean": expectation.mean_mN, "variance": expectation.variance_mN2}, state
-
-
-class Approach(Region):
-    """The region that computes `approach`."""
-
-    config: ApproachConfig
-
-    def step(
-        self, inputs: Mapping[str, Tensor], state: State, probe: Probe | None = None
-    ) -> tuple[dict[str, Tensor], State]:
-        """Pass the speed on, or 0 inside the gap."""
-        speed_um_s = approach(
-            inputs["speed"],
-            inputs["remaining"],
-            length_um=self.config.length,
-            gap_um=self.config.gap,
-            period_s=self.config.period_s(self.clock),
-        )
-        return {"speed": speed_um_s}, state
