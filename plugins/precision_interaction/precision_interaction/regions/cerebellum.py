@@ -13,7 +13,6 @@ from neurorobo.synapses import Dense, FanIn
 from precision_interaction.regions.cerebellum_config import CerebellumConfig
 
 INPUTS = ("velocity", "force", "mean", "variance")
-OUTPUTS = 4  # components: move x, y and residual x, y
 
 
 class Cerebellum(Region):
@@ -23,10 +22,12 @@ class Cerebellum(Region):
     passed the nuclei. Every window starts at rest. Source: Sec. III-C and Fig. 3 of Xing et al.
     """
 
+    config: CerebellumConfig
+
     def __init__(self, config: CerebellumConfig, clock: Clock, generator: torch.Generator) -> None:
         super().__init__(config, clock, generator)
         fibres = sum(self.input_ports[name].channels for name in INPUTS)
-        outputs = OUTPUTS * config.output_neurons
+        components = 6 if config.own_velocity else 4  # x, y of move and residual, and of a velocity of its own
         neuron = LIF(surrogate=Surrogate("triangular", 1.0))
         # The gains let every layer fire at 0.1 to 0.4 before training.
         self.granule = Layer([FanIn(fibres, config.granule_cells, config.granule_fan_in, generator, gain=1.05)], neuron)
@@ -38,8 +39,8 @@ class Cerebellum(Region):
             ],
             neuron,
         )
-        readout = Dense(config.nuclei, outputs, generator, gain=0.2)
-        _give_each_output_its_nuclei(readout.weight, config)
+        readout = Dense(config.nuclei, components * config.output_neurons, generator, gain=0.2)
+        _give_each_output_its_nuclei(readout.weight, components, config)
         self.output = Layer([readout], neuron)
 
     def step(
@@ -60,16 +61,16 @@ class Cerebellum(Region):
                 ("output", output),
             ):
                 probe(layer, spikes)
-        move, residual = output.chunk(2, dim=-1)
-        return {"move": move, "residual": residual, "velocity": move}, state
+        move, residual, *own = output.split(2 * self.config.output_neurons, dim=-1)
+        return {"move": move, "residual": residual, "velocity": own[0] if own else move}, state
 
 
 @torch.no_grad()
-def _give_each_output_its_nuclei(weight: Tensor, config: CerebellumConfig) -> None:
+def _give_each_output_its_nuclei(weight: Tensor, components: int, config: CerebellumConfig) -> None:
     """Let each output component start from a share of the nuclei, read with graded weights; training mixes them."""
-    share = config.nuclei // OUTPUTS
+    share = config.nuclei // components
     grade = torch.linspace(0.45, 0.05, config.output_neurons)
-    for output in range(OUTPUTS):
+    for output in range(components):
         rows = weight[output * config.output_neurons : (output + 1) * config.output_neurons]
         for nucleus in range(share):
             sign = 1 if nucleus % 2 == 0 else -1

@@ -38,6 +38,11 @@ class CerebellumConfig(RegionConfig):
         default=8, ge=4, multiple_of=4, description="Deep nuclear cells, as many for each output component."
     )
     output_neurons: int = Field(default=10, ge=1, description="Output neurons per component of an output.")
+    own_velocity: bool = Field(
+        default=False,
+        description="Whether the velocity has output neurons of its own, to be taught by name; by default it is the "
+        "move per period, which the velocity of `precision.profile` is not.",
+    )
     force: Forces | None = Field(default=None, description="Range of the radial force.")
     velocity: Velocities | None = Field(default=None, description="Range of the radial velocity that is told.")
     mean: Forces | None = Field(default=None, description="Range of the expected change of the force.")
@@ -67,11 +72,16 @@ class CerebellumConfig(RegionConfig):
         }
 
     def outputs(self, clock: Clock) -> dict[str, Port]:
-        """The radial move, the same as a mean velocity, and the force left after it (Eq. 19)."""
+        """The radial move, the force left after it (Eq. 19), and the velocity: the move per period, or its own."""
         period_s = self.period_s(clock)
         ranges = self.ranges(clock)
         move, residual = ranges["move"], ranges["residual"]
         n = self.output_neurons
+        if self.own_velocity:
+            velocity, meaning = ranges["velocity"], "Radial velocity at the period's end."
+        else:
+            velocity = Interval(move.lo / period_s, move.hi / period_s)
+            meaning = "Mean radial velocity of the period: the spikes of the move, read by its duration."
         return {
             "move": Port(
                 "um",
@@ -88,8 +98,8 @@ class CerebellumConfig(RegionConfig):
             "velocity": Port(
                 "um/s",
                 2,
-                PopulationUniform(n, move.lo / period_s, move.hi / period_s),
-                description="Mean radial velocity of the period: the spikes of the move, read by its duration.",
+                PopulationUniform(n, velocity.lo, velocity.hi),
+                description=meaning,
             ),
         }
 
@@ -102,6 +112,7 @@ class CerebellumConfig(RegionConfig):
             "period_s": self.period_s(clock),
             **{name: getattr(self, name) for name in sizes},
             **{name: [r.lo, r.hi] for name, r in self.ranges(clock).items()},
+            **({"own_velocity": True} if self.own_velocity else {}),
         }
 
 
