@@ -1,10 +1,8 @@
 """The documents are true: commands run, links lead somewhere, names exist, excerpts are what they say."""
 
-import json
 import os
 import pkgutil
 import re
-import runpy
 import shlex
 import subprocess
 import sys
@@ -191,10 +189,3 @@ def test_the_region_of_the_guide_keeps_the_contract(tmp_path: Path) -> None:
     variables = environment(tmp_path, PYTHONPATH=str(tmp_path))
     run([sys.executable, "-c", "import acme_brain.plugin"], tmp_path, variables)
     run([sys.executable, "-m", "pytest", "--rootdir", str(tmp_path)], tmp_path, variables)
-
-
-def test_the_readme_shows_the_latest_figures() -> None:
-    figures = runpy.run_path(str(PROJECT / "benchmarks" / "assembly" / "figures.py"))
-    rows = json.loads((PROJECT / "benchmarks" / "assembly" / "latest.json").read_text())["rows"]
-    readme = (PROJECT / "README.md").read_text()
-    assert figures["into_readme"](readme, rows) == readme
