@@ -1,14 +1,13 @@
 """The documents are true: commands run, links lead somewhere, names exist, excerpts are what they say."""
 
-import json
 import os
 import pkgutil
 import re
-import runpy
 import shlex
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping
+from contextlib import nullcontext
 from pathlib import Path
 
 import click
@@ -111,6 +110,41 @@ def test_excerpts_are_what_the_file_says(document: Path) -> None:
         assert [line for line in excerpt.splitlines() if line.strip() and line not in lines] == [], name
 
 
+def overrides() -> Iterator[tuple[str, str, str]]:
+    """Every `--set` and `--variant` that is shown: where, the example it is for, and what the shell makes of it."""
+    files = [path for path in DOCUMENTS if path.name != "CHANGELOG.md"] + sorted((PROJECT / "examples").glob("*.yaml"))
+    for path in files:
+        for line in path.read_text().splitlines():
+            named = re.search(r"examples/\w+\.yaml", line)
+            example = f"examples/{path.name}" if path.suffix == ".yaml" else "examples/peg_in_hole.yaml"
+            for shown in re.findall(r"--(?:set|variant) ((?:\"[^\"]*\"|'[^']*'|[^\s`\"'])+)", line):
+                if shown != "PATH=VALUE":
+                    yield f"{path.relative_to(PROJECT)}", named[0] if named else example, *shlex.split(shown)
+
+
+MISTAKES = ["body.stage_resolution=0.5 um/s"]  # the tutorial makes it on purpose
+
+
+@pytest.mark.parametrize(("document", "example", "override"), list(overrides()))
+def test_an_override_that_is_shown_fits_its_example(document: str, example: str, override: str) -> None:
+    from neurorobo.config.experiment import load_experiment
+    from neurorobo.errors import ConfigError
+    from neurorobo.experiment.lessons import read_lessons
+    from neurorobo.experiment.plan import build_plan
+    from neurorobo.plugins import Registry
+
+    registry = Registry.discover()
+    with pytest.raises(ConfigError) if override in MISTAKES else nullcontext():
+        experiment = load_experiment(PROJECT / example, [override], registry)
+        build_plan(experiment)
+        read_lessons(experiment, registry)
+
+
+def test_overrides_are_shown_where_they_are_explained() -> None:
+    shown = {document for document, _, _ in overrides()}
+    assert {"README.md", "docs/reference/yaml.md", "docs/reference/cli.md", "docs/tutorials/first_run.md"} <= shown
+
+
 def options(command: click.Command, path: str) -> Iterator[tuple[str, str]]:
     """Every command below a click command with its options, as they are typed."""
     for parameter in command.params:
@@ -138,8 +172,10 @@ def test_every_key_is_documented() -> None:
 
     for document, model in (("reference/yaml", Experiment), ("reference/yaml", Step), ("how_to/train", SupervisePhase)):
         text = (PROJECT / "docs" / f"{document}.md").read_text()
-        keys = [field.alias or name for name, field in model.model_fields.items()]
-        assert [key for key in keys if f"`{key}`" not in text] == [], document
+        first_column = re.findall(r"^\| ([^|]*) \|", text, re.MULTILINE)
+        explained = {word for cell in first_column for word in re.findall(r"`(\w+)`", cell)}
+        keys = {field.alias or name for name, field in model.model_fields.items()}
+        assert sorted(keys - explained) == [], document
 
 
 def test_the_region_of_the_guide_keeps_the_contract(tmp_path: Path) -> None:
@@ -153,10 +189,3 @@ def test_the_region_of_the_guide_keeps_the_contract(tmp_path: Path) -> None:
     variables = environment(tmp_path, PYTHONPATH=str(tmp_path))
     run([sys.executable, "-c", "import acme_brain.plugin"], tmp_path, variables)
     run([sys.executable, "-m", "pytest", "--rootdir", str(tmp_path)], tmp_path, variables)
-
-
-def test_the_readme_shows_the_latest_figures() -> None:
-    figures = runpy.run_path(str(PROJECT / "benchmarks" / "assembly" / "figures.py"))
-    rows = json.loads((PROJECT / "benchmarks" / "assembly" / "latest.json").read_text())["rows"]
-    readme = (PROJECT / "README.md").read_text()
-    assert figures["into_readme"](readme, rows) == readme

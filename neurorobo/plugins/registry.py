@@ -62,7 +62,7 @@ class Registry:
     """The types of the core and of plugins, by kind and name.
 
     ``Registry()`` holds the core alone, `discover` adds the installed plugins. A name without a prefix is the core's:
-    ``linear`` is ``core.linear``. Nothing is imported before it is asked for.
+    ``sum`` is ``core.sum``. Nothing is imported before it is asked for.
     """
 
     def __init__(self) -> None:

@@ -1,19 +1,15 @@
 import math
+import runpy
 from itertools import pairwise
+from pathlib import Path
 
 import pytest
 import torch
-from precision_interaction.analytic_configs import (
-    FixedStepConfig,
-    PidConfig,
-    PlannerConfig,
-    PredictiveConfig,
-    ProfileConfig,
-    TrapezoidConfig,
-)
-from precision_interaction.baselines import FixedStepPlanner, PidCompensator, TrapezoidPlanner, pid, pid_start
-from precision_interaction.compensators import predictive, profile
-from precision_interaction.pid_tuning import (
+from precision_interaction.baselines.fixed_plans import FixedStepPlanner, TrapezoidPlanner
+from precision_interaction.baselines.fixed_plans_config import FixedStepConfig, TrapezoidConfig
+from precision_interaction.baselines.pid import PidCompensator, pid, pid_start
+from precision_interaction.baselines.pid_config import PidConfig
+from precision_interaction.baselines.pid_tuning import (
     Gains,
     UltimateGain,
     compensation_test,
@@ -23,9 +19,13 @@ from precision_interaction.pid_tuning import (
     ultimate_gain,
     ziegler_nichols,
 )
+from precision_interaction.teachers.compensators import predictive, profile
+from precision_interaction.teachers.compensators_config import PredictiveConfig, ProfileConfig
+from precision_interaction.teachers.planner_config import PlannerConfig
 from torch import Tensor
 
 from neurorobo.clock import Clock
+from neurorobo.config.experiment import load_experiment
 from neurorobo.regions import RegionConfig
 
 CLOCK = Clock({"control": 10**9, "radial": 10**9}, spike_step_ns=10**6, window=50)
@@ -152,6 +152,29 @@ def test_the_grid_search_finds_better_gains_than_the_rule_and_predictive_beats_b
     assert force_mN["predictive"] < force_mN["grid"] < force_mN["rule"]
     assert force_mN["profile"] == pytest.approx(79, abs=4)
     assert force_mN["predictive"] == pytest.approx(6.4, abs=0.5)
+
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "baseline_pid.yaml"
+
+
+def test_the_example_has_the_gains_that_the_grid_search_finds_for_its_period() -> None:
+    experiment = load_experiment(EXAMPLE)
+    controller = experiment.regions["controller"]
+    assert isinstance(controller, PidConfig)
+    found = grid_search(torch.Generator().manual_seed(1000), period_s=controller.period_s(experiment.clock))
+    assert (controller.kp, controller.ki, controller.kd) == pytest.approx(tuple(found))
+
+
+def test_the_gains_called_ziegler_and_nichols_are_those_of_the_rule() -> None:
+    """In the example's comment, and in the row of the published figures that sets them."""
+    period_s = load_experiment(EXAMPLE).clock.seconds("radial")
+    rule = ziegler_nichols(ultimate_gain(period_s=period_s), period_s=period_s)
+    figures = runpy.run_path(str(EXAMPLE.parents[1] / "benchmarks" / "assembly" / "figures.py"))
+    controller = load_experiment(EXAMPLE, figures["ZIEGLER_NICHOLS"]).regions["controller"]
+    assert isinstance(controller, PidConfig)
+    assert (controller.kp, controller.ki, controller.kd) == pytest.approx(tuple(rule))
+    comment = " ".join(line.removeprefix("#").strip() for line in EXAMPLE.read_text().splitlines() if line[:1] == "#")
+    assert f"rule gives kp: {rule.kp:g}, ki: {rule.ki:g}, kd: {rule.kd:g}." in comment
 
 
 def test_every_controller_in_the_test_meets_the_same_draws() -> None:

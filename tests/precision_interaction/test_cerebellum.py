@@ -6,11 +6,11 @@ from typing import Any
 
 import pytest
 import torch
-from precision_interaction.analytic_configs import PredictiveConfig
-from precision_interaction.cerebellum import Cerebellum
-from precision_interaction.cerebellum_config import CerebellumConfig
-from precision_interaction.compensation_data import CompensationStates, CompensationStatesConfig
-from precision_interaction.compensators import PredictiveCompensator
+from precision_interaction.data.compensation_states import CompensationStates, CompensationStatesConfig
+from precision_interaction.regions.cerebellum import Cerebellum
+from precision_interaction.regions.cerebellum_config import CerebellumConfig
+from precision_interaction.teachers.compensators import PredictiveCompensator, ProfileCompensator
+from precision_interaction.teachers.compensators_config import PredictiveConfig, ProfileConfig
 from torch import Tensor
 
 from neurorobo.clock import Clock
@@ -18,6 +18,7 @@ from neurorobo.errors import ConfigError
 from neurorobo.learning.evaluate import evaluate
 from neurorobo.learning.phase import SupervisePhase
 from neurorobo.learning.supervise import supervise
+from neurorobo.regions.weights import signature_hash
 
 SMALL = {"granule_cells": 80, "purkinje_cells": 40}
 PERIODS_MS = (1000, 200, 50)
@@ -41,7 +42,7 @@ def spikes(region: Cerebellum, values: dict[str, Tensor]) -> dict[str, Tensor]:
     return {name: port.code.encode(values[name], 50) for name, port in region.input_ports.items() if port.code}
 
 
-@pytest.mark.parametrize("module", ["cerebellum_config", "compensation_data"])
+@pytest.mark.parametrize("module", ["regions.cerebellum_config", "data.compensation_states"])
 def test_configurations_do_not_import_torch(module: str) -> None:
     check = f"import sys, precision_interaction.{module}; sys.exit('torch' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", check], check=False).returncode == 0
@@ -98,6 +99,12 @@ def test_the_signature_knows_ranges_and_period_but_not_its_name() -> None:
     assert CerebellumConfig.model_validate(spelt_out).signature(clock()) == default
 
 
+def test_a_velocity_of_its_own_changes_no_weights_that_do_without() -> None:
+    assert signature_hash(CerebellumConfig(), clock()) == signature_hash(CerebellumConfig(own_velocity=False), clock())
+    assert "own_velocity" not in CerebellumConfig().signature(clock())
+    assert signature_hash(CerebellumConfig(own_velocity=True), clock()) != signature_hash(CerebellumConfig(), clock())
+
+
 def test_an_unknown_period_is_told_with_those_there_are() -> None:
     with pytest.raises(ConfigError, match="period: there is no period `radia` under `time`; did you mean `radial`"):
         CerebellumConfig(period="radia").inputs(clock())
@@ -105,9 +112,10 @@ def test_an_unknown_period_is_told_with_those_there_are() -> None:
         CompensationStates(CompensationStatesConfig(period="radia"), clock())
 
 
+@pytest.mark.parametrize("own_velocity", [False, True])
 @pytest.mark.parametrize("nuclei", [4, 8, 16])
-def test_outputs_have_the_shape_of_their_ports(nuclei: int) -> None:
-    region = cerebellum(nuclei=nuclei)
+def test_outputs_have_the_shape_of_their_ports(nuclei: int, own_velocity: bool) -> None:
+    region = cerebellum(nuclei=nuclei, own_velocity=own_velocity)
     outputs, state = region.step(spikes(region, states(3)), region.init_state(3))
     assert state == {}
     for name, port in region.output_ports.items():
@@ -181,3 +189,29 @@ def test_training_brings_it_nearer_to_its_teacher_and_keeps_the_signs() -> None:
     assert (errors() < 0.6 * untrained).all()
     inhibition, excitation = (projection.weight for projection in region.nuclei.projections)
     assert (inhibition <= 0).all() and (excitation >= 0).all()
+
+
+def test_with_a_velocity_of_its_own_it_learns_the_paper_s_path() -> None:
+    """The path of Eq. 14 does not end with its mean velocity, so move and velocity are two things to learn."""
+    region = cerebellum(own_velocity=True)
+    teacher = ProfileCompensator(ProfileConfig(), clock(), torch.Generator())
+    data = CompensationStates(CompensationStatesConfig(), clock())
+    wanted, _ = teacher.step(states(500), {})
+    assert (wanted["velocity"] - wanted["move"]).square().mean().sqrt() > 0.1  # um/s at a period of 1 s
+    phase = SupervisePhase(
+        region="cerebellum",
+        teacher="precision.profile",
+        data="precision.compensation_states",
+        loss={"move": "0.1 um", "residual": "8 mN", "velocity": "0.1 um/s"},
+        freeze=("granule",),
+        steps=80,
+        batch=16,
+    )
+
+    def errors() -> Tensor:
+        found = evaluate(region, teacher, data, torch.Generator().manual_seed(3), outputs=list(phase.loss), batches=2)
+        return torch.stack([rms[0] for rms in found.rms.values()])
+
+    untrained = errors()
+    supervise(region, teacher, data, phase, torch.Generator().manual_seed(4))
+    assert (errors() < 0.8 * untrained).all(), (untrained, errors())

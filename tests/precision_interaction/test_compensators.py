@@ -4,16 +4,20 @@ import pytest
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from precision_interaction import contact_law, table_one
-from precision_interaction.analytic_configs import (
-    ApproachConfig,
-    CompensatorConfig,
-    ContactLawConfig,
-    PredictiveConfig,
-    ProfileConfig,
+from precision_interaction import table_one
+from precision_interaction.regions.approach import Approach, approach
+from precision_interaction.regions.approach_config import ApproachConfig
+from precision_interaction.teachers import contact_expectation
+from precision_interaction.teachers.compensators import (
+    PredictiveCompensator,
+    ProfileCompensator,
+    predictive,
+    profile,
+    trust,
 )
-from precision_interaction.compensators import PredictiveCompensator, ProfileCompensator, predictive, profile, trust
-from precision_interaction.contact_law import Approach, ContactLaw
+from precision_interaction.teachers.compensators_config import CompensatorConfig, PredictiveConfig, ProfileConfig
+from precision_interaction.teachers.contact_expectation import ContactLaw
+from precision_interaction.teachers.contact_expectation_config import ContactLawConfig
 from torch import Tensor
 
 from neurorobo.clock import Clock
@@ -161,32 +165,32 @@ def test_the_residual_is_what_the_move_leaves(force: float, velocity: float, mea
 
 def test_n_uses_look_n_periods_ahead() -> None:
     speed = torch.tensor([[30.0], [100.0], [0.0]])
-    one = contact_law.one_period(speed, period_s=0.2)
+    one = contact_expectation.one_period(speed, period_s=0.2)
     torch.testing.assert_close(one.mean_mN[0], torch.tensor([0.618, 1.072]) * 6)
     torch.testing.assert_close(one.variance_mN2[0], torch.tensor([1.172, 0.535]) * 6)
     mean, variance = torch.zeros(3, 2), torch.zeros(3, 2)
     for n in (1, 2, 3):
-        mean, variance = contact_law.expect(speed, mean, variance, period_s=0.2)
+        mean, variance = contact_expectation.expect(speed, mean, variance, period_s=0.2)
         torch.testing.assert_close(mean, n * one.mean_mN)
         torch.testing.assert_close(variance, n * one.variance_mN2)
 
 
 def test_the_printed_eq_9_doubles() -> None:
     speed = torch.tensor([[30.0], [0.0]])
-    one = contact_law.one_period(speed, period_s=1.0)
+    one = contact_expectation.one_period(speed, period_s=1.0)
     mean, variance = torch.zeros(2, 2), torch.zeros(2, 2)
     for factor in (1, 2, 4):
-        mean, variance = contact_law.expect(speed, mean, variance, period_s=1.0, doubling=True)
+        mean, variance = contact_expectation.expect(speed, mean, variance, period_s=1.0, doubling=True)
         torch.testing.assert_close(mean, factor * one.mean_mN)
         torch.testing.assert_close(variance, factor * one.variance_mN2)
 
 
 def test_the_measured_law_gives_the_published_points_and_spreads_its_intercept_over_an_axial_move() -> None:
     speed = torch.tensor([[10.0], [50.0], [0.0]], dtype=torch.float64)
-    mean, variance = contact_law.one_period(speed, period_s=1.0, law="measured")
+    mean, variance = contact_expectation.one_period(speed, period_s=1.0, law="measured")
     torch.testing.assert_close(mean, torch.tensor([[12.7, 20.3], [29.6, 51.7], [0, 0]], dtype=torch.float64))
     torch.testing.assert_close(variance, torch.tensor([[23.2, 7.0], [56.3, 26.4], [0, 0]], dtype=torch.float64))
-    fifth = contact_law.one_period(speed, period_s=0.2, law="measured")
+    fifth = contact_expectation.one_period(speed, period_s=0.2, law="measured")
     torch.testing.assert_close(5 * fifth.mean_mN, mean)
     torch.testing.assert_close(5 * fifth.variance_mN2, variance)
 
@@ -198,7 +202,7 @@ def test_the_measured_law_gives_the_published_points_and_spreads_its_intercept_o
 def test_contact_is_expected_once_the_period_ends_beyond_the_gap(
     travel_um: float, speed_um_s: float, expected: float
 ) -> None:
-    got = contact_law.approach(
+    got = approach(
         torch.tensor([[speed_um_s]]), torch.tensor([[2050 - travel_um]]), length_um=2050, gap_um=50, period_s=1.0
     )
     assert got.item() == expected
@@ -229,7 +233,7 @@ def test_the_contact_regions_compute_their_functions() -> None:
     law = ContactLaw(ContactLawConfig(law="measured"), CLOCK, torch.Generator())
     speed, feedback = torch.tensor([[40.0]]), torch.ones(1, 2)
     outputs, _ = law.step({"speed": speed, "mean_feedback": feedback, "variance_feedback": 2 * feedback}, {})
-    expected = contact_law.expect(speed, feedback, 2 * feedback, period_s=0.2, law="measured")
+    expected = contact_expectation.expect(speed, feedback, 2 * feedback, period_s=0.2, law="measured")
     torch.testing.assert_close((outputs["mean"], outputs["variance"]), tuple(expected))
     gap = Approach(ApproachConfig(), CLOCK, torch.Generator())
     assert gap.step({"speed": speed, "remaining": torch.tensor([[2009.0]])}, {})[0]["speed"].item() == 0

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from precision_interaction import table_one
-from precision_interaction.contact import Line, RandomContact, RecordedContact, Table
-from precision_interaction.rig import build_contact, read_recording
-from precision_interaction.rig_config import InsertionRigConfig
+from precision_interaction.rig.contact import Line, RandomContact, RecordedContact, Table
+from precision_interaction.rig.insertion_rig import build_contact, read_recording
+from precision_interaction.rig.insertion_rig_config import InsertionRigConfig
 from pydantic import ValidationError
 
 from neurorobo.errors import NeuroroboError

@@ -6,11 +6,11 @@ from typing import Any
 
 import pytest
 import torch
-from precision_interaction.analytic_configs import ContactLawConfig
-from precision_interaction.contact_law import ContactLaw
-from precision_interaction.hippocampus import Hippocampus
-from precision_interaction.hippocampus_config import HippocampusConfig
-from precision_interaction.speed_data import InsertionSpeeds, InsertionSpeedsConfig
+from precision_interaction.data.insertion_speeds import InsertionSpeeds, InsertionSpeedsConfig
+from precision_interaction.regions.hippocampus import Hippocampus
+from precision_interaction.regions.hippocampus_config import HippocampusConfig
+from precision_interaction.teachers.contact_expectation import ContactLaw
+from precision_interaction.teachers.contact_expectation_config import ContactLawConfig
 from torch import Tensor
 
 from neurorobo.clock import Clock
@@ -50,7 +50,7 @@ def windows(region: Hippocampus, speed_um_s: Tensor, count: int) -> list[dict[st
     return outputs
 
 
-@pytest.mark.parametrize("module", ["hippocampus_config", "speed_data"])
+@pytest.mark.parametrize("module", ["regions.hippocampus_config", "data.insertion_speeds"])
 def test_configurations_do_not_import_torch(module: str) -> None:
     check = f"import sys, precision_interaction.{module}; sys.exit('torch' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", check], check=False).returncode == 0

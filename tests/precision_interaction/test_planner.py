@@ -5,8 +5,7 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from precision_interaction import table_one
-from precision_interaction.analytic_configs import PlannerConfig
-from precision_interaction.planner import (
+from precision_interaction.teachers.planner import (
     AxialPlanner,
     assessment,
     confidence,
@@ -15,6 +14,7 @@ from precision_interaction.planner import (
     plan,
     stopping_speed,
 )
+from precision_interaction.teachers.planner_config import PlannerConfig
 from torch import Tensor
 
 from neurorobo.clock import Clock

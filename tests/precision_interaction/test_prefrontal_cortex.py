@@ -6,11 +6,11 @@ from typing import Any
 
 import pytest
 import torch
-from precision_interaction.analytic_configs import PlannerConfig
-from precision_interaction.planner import AxialPlanner, stopping_speed
-from precision_interaction.planning_data import PlanningStates, PlanningStatesConfig
-from precision_interaction.prefrontal_cortex import PrefrontalCortex
-from precision_interaction.prefrontal_cortex_config import PrefrontalCortexConfig
+from precision_interaction.data.planning_states import PlanningStates, PlanningStatesConfig
+from precision_interaction.regions.prefrontal_cortex import PrefrontalCortex
+from precision_interaction.regions.prefrontal_cortex_config import PrefrontalCortexConfig
+from precision_interaction.teachers.planner import AxialPlanner, stopping_speed
+from precision_interaction.teachers.planner_config import PlannerConfig
 from torch import Tensor
 
 from neurorobo.clock import Clock
@@ -40,7 +40,7 @@ def plan(region: PrefrontalCortex, values: dict[str, Tensor]) -> dict[str, Tenso
         return region.step(inputs, region.init_state(len(values["speed"])))[0]
 
 
-@pytest.mark.parametrize("module", ["prefrontal_cortex_config", "planning_data"])
+@pytest.mark.parametrize("module", ["regions.prefrontal_cortex_config", "data.planning_states"])
 def test_configurations_do_not_import_torch(module: str) -> None:
     check = f"import sys, precision_interaction.{module}; sys.exit('torch' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", check], check=False).returncode == 0

@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
-from precision_interaction.rig import InsertionRig
-from precision_interaction.rig_config import InsertionRigConfig
-from precision_interaction.task import InsertionTask
-from precision_interaction.task_config import InsertionTaskConfig
+from precision_interaction.rig.insertion_rig import InsertionRig
+from precision_interaction.rig.insertion_rig_config import InsertionRigConfig
+from precision_interaction.rig.insertion_task import InsertionTask
+from precision_interaction.rig.insertion_task_config import InsertionTaskConfig
 from pydantic import ValidationError
 
 from neurorobo.bodies import Array, Supervisor

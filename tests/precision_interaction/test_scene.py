@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 import pytest
 import rerun as rr
-from precision_interaction.rig import InsertionRig
-from precision_interaction.rig_config import InsertionRigConfig
-from precision_interaction.scene import EXAGGERATION, VIEWER_ANGLE, InsertionScene
-from precision_interaction.task import InsertionTask
-from precision_interaction.task_config import InsertionTaskConfig
+from precision_interaction.rig.insertion_rig import InsertionRig
+from precision_interaction.rig.insertion_rig_config import InsertionRigConfig
+from precision_interaction.rig.insertion_task import InsertionTask
+from precision_interaction.rig.insertion_task_config import InsertionTaskConfig
+from precision_interaction.rig.scene import EXAGGERATION, VIEWER_ANGLE, InsertionScene
 from rerun.chunk import RrdReader
 
 from neurorobo.clock import Clock

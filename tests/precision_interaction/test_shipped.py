@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -9,7 +10,7 @@ import torch
 from torch import Tensor, nn
 
 from neurorobo.config.experiment import Experiment, load_experiment
-from neurorobo.experiment.build import build, build_brain, build_region, build_task
+from neurorobo.experiment.build import build, build_brain, build_region, build_task, weights_file
 from neurorobo.experiment.closed_loop import run_episodes
 from neurorobo.experiment.lessons import read_lessons
 from neurorobo.graph.brain import Brain
@@ -22,14 +23,44 @@ SPIKING = {"hippocampus", "cerebellum", "prefrontal_cortex"}
 TEACHERS = {"precision.law", "precision.predictive", "precision.profile", "precision.planner"}
 
 
-@pytest.fixture(scope="module")
+SETS = (("peg_in_hole", "1 s"), ("peg_in_hole_fast", "200 ms"), ("peg_in_hole_fast", "50 ms"))
+"""The example and the radial period of each shipped cerebellum; the other two regions have one set of weights."""
+
+
+@cache
+def experiment_of(file: str, radial: str) -> Experiment:
+    return load_experiment(EXAMPLES / f"{file}.yaml", [f"time.radial={radial}"])
+
+
+@cache
+def brain_of(file: str, radial: str) -> Brain:
+    return build_brain(experiment_of(file, radial))
+
+
+@pytest.fixture(params=SETS, ids=" ".join)
+def brain_of_each_set(request: pytest.FixtureRequest) -> Brain:
+    return brain_of(*request.param)
+
+
+@pytest.fixture
 def experiment() -> Experiment:
-    return load_experiment(EXAMPLES / "peg_in_hole.yaml")
+    return experiment_of(*SETS[0])
 
 
-@pytest.fixture(scope="module")
-def brain(experiment: Experiment) -> Brain:
-    return build_brain(experiment)
+@pytest.fixture
+def brain() -> Brain:
+    return brain_of(*SETS[0])
+
+
+def test_each_set_has_a_cerebellum_of_its_own_and_each_shipped_file_is_used() -> None:
+    used = {
+        weights_file(config, experiment)
+        for experiment in (experiment_of(*each) for each in SETS)
+        for config in experiment.regions.values()
+        if config.weights
+    }
+    (folder,) = {file.parent for file in used}
+    assert used == set(folder.glob("*.safetensors"))
 
 
 def random_inputs(region: Region, batch: int, seed: int) -> dict[str, Tensor]:
@@ -69,8 +100,8 @@ def hidden_layers(region: Region) -> dict[str, tuple[nn.Module, ...]]:
 
 @pytest.mark.parametrize("name", sorted(SPIKING))
 @torch.no_grad()
-def test_without_a_hidden_layer_the_outputs_do_not_depend_on_the_inputs(brain: Brain, name: str) -> None:
-    region = brain.region(name)
+def test_without_a_hidden_layer_the_outputs_do_not_depend_on_the_inputs(brain_of_each_set: Brain, name: str) -> None:
+    region = brain_of_each_set.region(name)
     spoken = {port for port in region.output_ports if region.output_ports[port].code is not None}
     whole, _ = region.step(random_inputs(region, 16, 1), region.init_state(16))
     for layer, parts in hidden_layers(region).items():
@@ -81,10 +112,26 @@ def test_without_a_hidden_layer_the_outputs_do_not_depend_on_the_inputs(brain: B
             assert (outputs[port] == outputs[port][:, :1]).all(), (layer, port)
 
 
+@pytest.mark.parametrize(("block", "value"), [("prediction", "confidence"), ("terminal", "terminal")])
+@torch.no_grad()
+def test_without_its_spikes_a_block_of_the_prefrontal_cortex_knows_nothing(
+    brain: Brain, block: str, value: str
+) -> None:
+    region = brain.region("prefrontal_cortex")
+    inputs = random_inputs(region, 16, 1)
+    whole, _ = region.step(inputs, region.init_state(16))
+    with silenced(region.get_submodule(f"{block}.layer")):
+        mute, _ = region.step(inputs, region.init_state(16))
+    (other,) = {"confidence", "terminal"} - {value}
+    assert len(whole[value].unique()) > 1
+    assert len(mute[value].unique()) == 1
+    assert torch.equal(mute[other], whole[other]), "the other block stands apart"
+
+
 @pytest.mark.parametrize("name", sorted(SPIKING))
 @torch.no_grad()
-def test_a_window_is_the_same_alone_and_in_a_batch_bit_for_bit(brain: Brain, name: str) -> None:
-    region = brain.region(name)
+def test_a_window_is_the_same_alone_and_in_a_batch_bit_for_bit(brain_of_each_set: Brain, name: str) -> None:
+    region = brain_of_each_set.region(name)
     inputs = random_inputs(region, 33, 2)
     together, _ = region.step(inputs, region.init_state(33))
     for row in (0, 7, 32):
@@ -130,10 +177,13 @@ def test_the_hippocampus_keeps_the_law_for_three_periods(experiment: Experiment)
     assert (mean_of_four < torch.tensor([2.5, 2.8, 3.1])).all(), mean_of_four  # the paper: 3.8, 4.9, 7.3
 
 
-def test_the_cerebellum_moves_as_its_teacher_does(experiment: Experiment) -> None:
-    rms = compared(experiment, "cerebellum", -1).rms
-    assert (80 * rms["move"] < 9.0).all(), rms  # mN
-    assert (rms["residual"] < 9.0).all(), rms
+@pytest.mark.parametrize(
+    ("each", "move_mN", "residual_mN"), list(zip(SETS, (9.0, 3.5, 2.0), (9.0, 3.0, 4.0), strict=True))
+)
+def test_the_cerebellum_moves_as_its_teacher_does(each: tuple[str, str], move_mN: float, residual_mN: float) -> None:
+    rms = compared(experiment_of(*each), "cerebellum", -1).rms
+    assert (80 * rms["move"] < move_mN).all(), rms
+    assert (rms["residual"] < residual_mN).all(), rms
 
 
 @pytest.mark.parametrize(("off_policy", "speed_um_s", "beta"), [(0.0, 3.0, 0.15), (1.0, 5.0, 0.2)])

@@ -155,10 +155,10 @@ def test_closing_stops_the_body() -> None:
 
 def test_the_insertion_task_passes_too() -> None:
     """The bundled task; its ranges are physical, which Gymnasium's checker would rather have normalised."""
-    from precision_interaction.rig import InsertionRig
-    from precision_interaction.rig_config import InsertionRigConfig
-    from precision_interaction.task import InsertionTask
-    from precision_interaction.task_config import InsertionTaskConfig
+    from precision_interaction.rig.insertion_rig import InsertionRig
+    from precision_interaction.rig.insertion_rig_config import InsertionRigConfig
+    from precision_interaction.rig.insertion_task import InsertionTask
+    from precision_interaction.rig.insertion_task_config import InsertionTaskConfig
 
     def insertion() -> InsertionTask:
         rig = InsertionRig(InsertionRigConfig(type="precision.insertion_rig"))

@@ -1,1 +1,1 @@
-"""The shipped weights, each with its model card; `benchmarks/training/ship.py` writes both."""
+"""The shipped weights, each with its model card; `tools/ship.py` beside this package writes both."""

@@ -1,0 +1,1 @@
+"""What the paper compares with, and PID controllers tuned by rule and by search."""

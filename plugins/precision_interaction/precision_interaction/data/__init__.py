@@ -1,0 +1,1 @@
+"""The data that the regions are trained on."""

@@ -1,0 +1,1 @@
+"""The brain: three spiking regions, and the knowledge of the gap."""

@@ -1,0 +1,55 @@
+"""The hippocampus: a double-recurrent spiking network that expects the coming contact."""
+
+from collections.abc import Mapping
+
+import torch
+from torch import Tensor
+
+from neurorobo.clock import Clock
+from neurorobo.engine import Layer
+from neurorobo.neurons import LIF, Surrogate, spiking_neural_unit
+from neurorobo.regions.region import Probe, Region, State
+from neurorobo.synapses import Dense
+from precision_interaction.regions.hippocampus_config import HippocampusConfig
+
+SURROGATE = Surrogate("arctan", 1.0)
+
+
+class Hippocampus(Region):
+    """Speed and feedback -> recurrent spiking neural units -> mean and variance (Sec. IV-B, Fig. 2).
+
+    Nothing fires without input, so no speed means no contact. The state is the hidden layer's potential, which also
+    says who fired last; the output neurons start every window at rest.
+    """
+
+    config: HippocampusConfig
+
+    def __init__(self, config: HippocampusConfig, clock: Clock, generator: torch.Generator) -> None:
+        super().__init__(config, clock, generator)
+        hidden = config.hidden_neurons
+        self.hidden = Layer(
+            [
+                Dense(port.channels, hidden, generator, gain=2.0 if name == "speed" else 1.0)
+                for name, port in self.input_ports.items()
+            ],
+            spiking_neural_unit(surrogate=SURROGATE),
+            recurrent=Dense(hidden, hidden, generator, gain=0.5),
+            trainable_threshold=True,
+        )
+        self._sizes = [port.channels for port in self.output_ports.values()]
+        self.output = Layer([Dense(hidden, sum(self._sizes), generator)], LIF(surrogate=SURROGATE))
+
+    def init_state(self, batch: int) -> State:
+        """Return the potential of the hidden units at rest, (batch, hidden_neurons)."""
+        return {"hidden": self.hidden.at_rest(batch)}
+
+    def step(
+        self, inputs: Mapping[str, Tensor], state: State, probe: Probe | None = None
+    ) -> tuple[dict[str, Tensor], State]:
+        """Look one period further ahead than the feedback does."""
+        hidden, potential = self.hidden([inputs[name] for name in self.input_ports], state["hidden"])
+        output, _ = self.output([hidden], self.output.at_rest(hidden.shape[1]))
+        if probe is not None:
+            probe("hidden", hidden)
+            probe("output", output)
+        return dict(zip(self.output_ports, output.split(self._sizes, dim=-1), strict=True)), {"hidden": potential}

@@ -1,0 +1,1 @@
+"""The simulated rig, its contact laws, and the task of inserting."""

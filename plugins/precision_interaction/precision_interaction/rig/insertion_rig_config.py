@@ -1,0 +1,178 @@
+"""The configuration of the simulated insertion rig and of its contact; imports no torch and builds nothing."""
+
+import math
+from typing import Annotated, ClassVar, Literal, Self
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from neurorobo.bodies.body import Actuator, BodyConfig, Sensor
+from neurorobo.units import Duration, Interval, Unit
+from precision_interaction import table_one
+
+Slope = Annotated[float, Unit("mN/um")]
+VarianceSlope = Annotated[float, Unit("mN^2/um", ge=0)]
+Force = Annotated[float, Unit("mN")]
+PositiveDuration = Annotated[Duration, Field(gt=0)]
+ForceVariance = Annotated[float, Unit("mN^2", ge=0)]
+Coefficient = Annotated[float, Unit("1", gt=-1, lt=1)]
+Forces = tuple[Force, Force, Force]
+Variances = tuple[ForceVariance, ForceVariance, ForceVariance]
+
+
+class _Options(BaseModel):
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class Correlation(_Options):
+    """Correlation coefficients of the contact force's axes: the full matrix of Eq. 1."""
+
+    xy: Coefficient = 0.0
+    xz: Coefficient = 0.0
+    yz: Coefficient = 0.0
+
+    @model_validator(mode="after")
+    def _possible(self) -> Self:
+        if 1 + 2 * self.xy * self.xz * self.yz <= self.xy**2 + self.xz**2 + self.yz**2:
+            raise ValueError("no three quantities can be correlated like this; bring the coefficients closer to 0")
+        return self
+
+
+class _GaussianContact(_Options):
+    depth_gain: Annotated[float, Unit("1", ge=0)] = Field(
+        default=0.0, description="g: a contact increment at depth d is scaled by 1 + g d / length."
+    )
+    correlation: Correlation = Correlation()
+
+
+class ProportionalContactConfig(_GaussianContact):
+    """Mean and variance proportional to the inserted distance, the only law for which Eq. 8 and 35 hold."""
+
+    law: Literal["proportional"]
+    mean_slope: tuple[Slope, Slope, Slope] = (*table_one.PROPORTIONAL_MEAN_MN_UM, 0.0)
+    variance_slope: tuple[VarianceSlope, VarianceSlope, VarianceSlope] = (*table_one.PROPORTIONAL_VARIANCE_MN2_UM, 0.0)
+
+
+class MeasuredContactConfig(_GaussianContact):
+    """The line through the published points, its intercept once per axial move: the rig as it was measured."""
+
+    law: Literal["measured"] = "measured"
+    mean_slope: tuple[Slope, Slope, Slope] = (*table_one.MEASURED_MEAN_SLOPE_MN_UM, 0.0)
+    mean_intercept: Forces = (*table_one.MEASURED_MEAN_INTERCEPT_MN, 0.0)
+    variance_slope: tuple[VarianceSlope, VarianceSlope, VarianceSlope] = (
+        *table_one.MEASURED_VARIANCE_SLOPE_MN2_UM,
+        0.0,
+    )
+    variance_intercept: Variances = (*table_one.MEASURED_VARIANCE_INTERCEPT_MN2, 0.0)
+
+
+class TablePoint(_Options):
+    """Mean and variance (x, y, z) of the force that one axial move of this distance adds."""
+
+    distance: Annotated[float, Unit("um", gt=0)]
+    mean: Forces
+    variance: Variances
+
+
+class TableContactConfig(_GaussianContact):
+    """Measured points of any law, joined by straight lines from (0, 0) on."""
+
+    law: Literal["table"]
+    points: tuple[TablePoint, ...] = Field(min_length=1)
+
+    @model_validator(mode="after")
+    def _rising(self) -> Self:
+        for before, after in zip(self.points, self.points[1:], strict=False):
+            if before.distance >= after.distance:
+                raise ValueError(f"distances must rise; {after.distance:g} um comes after {before.distance:g} um")
+            if any(low > high for low, high in zip(before.variance, after.variance, strict=True)):
+                raise ValueError(f"the variance falls at {after.distance:g} um; make it rise with distance")
+        return self
+
+
+class RecordedContactConfig(_Options):
+    """A recorded insertion, replayed: contact force over depth, the same in every episode."""
+
+    law: Literal["recorded"]
+    file: str = Field(
+        description="CSV: depth_um (0 at first contact), force_x_mN, force_y_mN and, if recorded, force_z_mN. A "
+        "relative path starts at the working directory of the run, not at the experiment file."
+    )
+
+
+ContactConfig = Annotated[
+    ProportionalContactConfig | MeasuredContactConfig | TableContactConfig | RecordedContactConfig,
+    Field(discriminator="law"),
+]
+
+
+class InsertionRigConfig(BodyConfig):
+    """A peg on a radial x-y stage, a hole on an axial elevator, and a force sensor (Table I, Sec. VI-B)."""
+
+    implementation: ClassVar[str] = "precision_interaction.rig.insertion_rig:InsertionRig"
+
+    type: Literal["precision.insertion_rig"] = "precision.insertion_rig"
+    contact: ContactConfig = MeasuredContactConfig()
+    length: Annotated[float, Unit("um", gt=0)] = Field(
+        default=table_one.LENGTH_UM, description="l: the axial travel to the end of the insertion, the gap included."
+    )
+    gap: Annotated[float, Unit("um", ge=0)] = Field(
+        default=table_one.GAP_UM, description="Axial travel before the two parts touch."
+    )
+    stiffness: Annotated[float, Unit("mN/um", gt=0)] = Field(
+        default=table_one.STIFFNESS_MN_UM, description="M: what a radial move of 1 um takes off the radial force."
+    )
+    stage_resolution: Annotated[float, Unit("um", ge=0)] = Field(
+        default=table_one.STAGE_RESOLUTION_UM, description="Radial targets are rounded to it; 0 for a continuous one."
+    )
+    elevator_resolution: Annotated[float, Unit("um", ge=0)] = Field(
+        default=table_one.ELEVATOR_RESOLUTION_UM,
+        description="Axial positions are rounded to it; 0 for a continuous one.",
+    )
+    force_resolution: Annotated[float, Unit("mN", ge=0)] = Field(
+        default=table_one.FORCE_RESOLUTION_MN, description="The sensor's count; 0 for a continuous sensor."
+    )
+    force_range: Annotated[Interval, Unit("mN")] = Field(
+        default=Interval(-36000.0, 36000.0), description="The sensor saturates beyond it."
+    )
+    max_speed: Annotated[float, Unit("um/s", gt=0)] = Field(
+        default=table_one.MAX_SPEED_UM_S, description="Largest axial speed."
+    )
+    max_acceleration: Annotated[float, Unit("um/s^2", gt=0)] = Field(
+        default=table_one.MAX_ACCELERATION_UM_S2, description="Largest change of the axial speed from move to move."
+    )
+    creep_speed: Annotated[float, Unit("um/s", gt=0)] = Field(
+        default=table_one.CREEP_SPEED_UM_S, description="Least axial speed; only the last move may be slower."
+    )
+    max_radial_move: Annotated[float, Unit("um", gt=0)] = Field(
+        default=25.0, description="Largest radial move of one command, per axis."
+    )
+    axial_period: PositiveDuration = Field(
+        default=1_000_000_000, description="The time for which one axial speed is held: one move of the elevator."
+    )
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Self:
+        if self.gap >= self.length:
+            raise ValueError(f"the gap ({self.gap:g} um) must be shorter than the whole length ({self.length:g} um)")
+        if self.creep_speed > self.max_speed:
+            raise ValueError(f"creep_speed ({self.creep_speed:g} um/s) exceeds max_speed ({self.max_speed:g} um/s)")
+        return self
+
+    def sensors(self) -> dict[str, Sensor]:
+        """Radial force, and the axial distance that is left and behind."""
+        force = self.force_range
+        step = self.elevator_resolution
+        return {
+            "force": Sensor("mN", 2, force.lo, force.hi, self.force_resolution, "Radial force x, y."),
+            "remaining": Sensor("um", 1, -math.inf, self.length, step, "Axial distance left to the end."),
+            "travel": Sensor("um", 1, 0.0, math.inf, step, "Axial distance behind, the gap included."),
+            "stage": Sensor("um", 2, resolution=self.stage_resolution, description="Radial position x, y read back."),
+        }
+
+    def actuators(self) -> dict[str, Actuator]:
+        """Axial speed, held for one axial period, and radial moves."""
+        move = self.max_radial_move
+        return {
+            "axial_speed": Actuator("um/s", 1, 0.0, self.max_speed, "hold", "Speed of the insertion."),
+            "radial_move": Actuator("um", 2, -move, move, "increment", "Radial move; a positive one lowers the force."),
+        }

@@ -1,0 +1,75 @@
+"""The published figures are those of the present files, and what measures them sees what it should."""
+
+import json
+import runpy
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+import torch
+
+from neurorobo.experiment.build import build_brain, build_task
+from neurorobo.experiment.recorder import Setting
+
+PROJECT = Path(__file__).parents[1]
+FOLDER = PROJECT / "benchmarks" / "assembly"
+FIGURES = runpy.run_path(str(FOLDER / "figures.py"))
+LATEST = json.loads((FOLDER / "latest.json").read_text())["rows"]
+
+
+def test_the_readme_shows_the_latest_figures() -> None:
+    readme = (PROJECT / "README.md").read_text()
+    assert FIGURES["into_readme"](readme, LATEST) == readme
+
+
+def test_every_row_has_figures() -> None:
+    assert [published["name"] for published in LATEST] == [row.name for row in FIGURES["ROWS"]]
+
+
+@pytest.mark.parametrize("index", range(len(FIGURES["ROWS"])), ids=[row.name for row in FIGURES["ROWS"]])
+def test_the_figures_belong_to_the_present_files(index: int) -> None:
+    """Where this fails, measure anew: `python benchmarks/assembly/figures.py --only NAME`."""
+    row, published = FIGURES["ROWS"][index], LATEST[index]
+    experiment = row.experiment()
+    assert published["weights_sha256"] == FIGURES["fingerprints"](experiment)
+    assert published["config_hash"] == experiment.config_hash
+    assert published["wanted"] == row.wanted
+
+
+def test_a_baseline_that_is_better_than_it_can_be_is_a_miss_too() -> None:
+    (row,) = (published for published in LATEST if published["name"].startswith("baseline, model-based"))
+    assert FIGURES["misses"](row) == []
+    for factor in (0.8, 1.2):
+        mean = {"mean": factor * row["figures"]["mean_force_mN"]["mean"]}
+        (miss,) = FIGURES["misses"]({**row, "figures": {**row["figures"], "mean_force_mN": mean}})
+        assert miss.startswith("mean_force_mN")
+
+
+def test_interventions_are_counted_for_every_actuator_and_when_they_happen() -> None:
+    """Three runs of one axial speed each: in one the held speed is cut twice, in one a move, in one nothing."""
+    experiment = FIGURES["ROWS"][-1].experiment()
+    task = build_task(experiment)
+    setting = Setting(Path(), "test", build_brain(experiment).plan, range(3), task)
+    recorder = FIGURES["Interventions"](setting, {"axial_speed": "plan.speed", "radial_move": "act.move"})
+
+    def tick(left_um: float, speeds: list[float], moves: list[float], *, planned: bool) -> None:
+        act = {"move": torch.tensor([[0.0, 0.5], [0.0, 30.0], [0.0, 0.5]])}
+        plan = {"plan": {"speed": torch.tensor([[20.0], [20.0], [20.0]])}} if planned else {}
+        recorder.sample(
+            SimpleNamespace(
+                running=np.ones(3, dtype=np.bool_),
+                observation={"remaining": np.full((3, 1), left_um)},
+                given={
+                    "axial_speed": np.array(speeds)[:, None],
+                    "radial_move": np.array([[0.0, move] for move in moves]),
+                },
+                outputs={**plan, "act": act},
+            )
+        )
+
+    tick(100.0, [15.0, 20.0, 20.0], [0.5, 25.0, 0.5], planned=True)
+    tick(40.0, [15.0, 20.0, 20.0], [0.5, 30.0, 0.5], planned=False)  # held as it was: no new intervention
+    tick(30.0, [5.0, 20.0, 20.0], [0.5, 30.0, 0.5], planned=False)  # cut further: one more, late
+    assert recorder.all.tolist() == [2, 1, 0]
+    assert recorder.early.tolist() == [1, 1, 0]
