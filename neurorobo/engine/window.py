@@ -11,6 +11,9 @@ import torch
 from torch import Tensor
 from torch.autograd.function import once_differentiable
 
+from neurorobo.engine.checked import CheckedWeights
+from neurorobo.engine.events import Population, is_native, run_events
+from neurorobo.engine.kernels import kernels
 from neurorobo.neurons import LIF, Neuron
 
 
@@ -29,12 +32,19 @@ def run_window(
     neurons), row = target, carries each step's spikes to the next step. Returns spikes (steps, batch, neurons) and
     the last potential, differentiable in all four tensors. Raises a ValueError if current and potential differ in size.
     """
+    if len(current) == 0:
+        raise ValueError(f"a window has at least one step, got a current of {tuple(current.shape)}")
     if current.shape[1:] != potential.shape:
         raise ValueError(
             f"the potential is of {tuple(potential.shape)} (batch, neurons), the current of {tuple(current.shape[1:])}"
         )
     if threshold is None:
         threshold = current.new_tensor(neuron.threshold)
+    native = kernels()
+    given = (current, potential, threshold) if recurrent_weight is None else (current, potential, threshold, recurrent_weight)
+    if native is not None and current.is_contiguous() and all(is_native(tensor) for tensor in given):
+        population = Population(neuron, (), CheckedWeights())
+        return run_events(native, population, (), (), potential, threshold, recurrent_weight, current)
     spikes, potentials = _Window.apply(current, potential, threshold, recurrent_weight, neuron)  # type: ignore[no-untyped-call]
     return spikes, potentials[-1]
 
