@@ -30,6 +30,7 @@ enum {
     VECTORS = 8, /* the accumulators of one row of a tile; they stay in registers */
     TILE = VECTORS * LANES,
     WORD = 64,       /* sources in one word */
+    LINE = 16,       /* floats in one line of the cache */
     ROWS = 64,       /* rows (steps x batch elements) of a block; its sums stay in the cache nearest to the processor */
     COLUMNS = 256,   /* neurons that a scan takes at once on the way back */
     RECURRENT = 16,  /* batch elements that step together through a recurrent layer */
@@ -175,36 +176,44 @@ int64_t neurorobo_pack_weights(const float *weights, int64_t targets, int64_t so
 /* Return how many floats packed weights take. */
 int64_t neurorobo_packed_size(int64_t targets, int64_t sources) { return pieces(targets, LANES) * LANES * sources; }
 
-/* Add to one row of sums those rows of a tile that a word selects. */
-INLINE void add_rows(float *sums, uint64_t word, const float *rows, const int vectors) {
+/* Add to sums those rows of a tile that the words select. */
+INLINE void add_rows(float *sums, const uint64_t *words, int64_t row_words, const float *tile, const int vectors) {
     vector total[VECTORS];
     for (int v = 0; v < vectors; v++) total[v] = ((const vector *)sums)[v];
-    do {
-        const vector *row = (const vector *)(rows + __builtin_ctzll(word) * vectors * LANES);
-        for (int v = 0; v < vectors; v++) total[v] += row[v];
-    } while (word &= word - 1);
+    for (int64_t w = 0; w < row_words; w++, tile += WORD * vectors * LANES)
+        for (uint64_t word = words[w]; word; word &= word - 1) {
+            const vector *row = (const vector *)(tile + __builtin_ctzll(word) * vectors * LANES);
+            for (int v = 0; v < vectors; v++) total[v] += row[v];
+        }
     for (int v = 0; v < vectors; v++) ((vector *)sums)[v] = total[v];
 }
 
+/* Word by word, so that 64 rows of the tile serve all rows of sums while they are near; a single row in one go. */
 INLINE void add_events_of(float *sums, int64_t stride, int64_t rows, const uint64_t *const *words, int64_t row_words,
-                          const float *tile, const int vectors) {
-    for (int64_t w = 0; w < row_words; w++, tile += WORD * vectors * LANES)
-        for (int64_t r = 0; r < rows; r++)
-            if (words[r][w]) add_rows(sums + r * stride, words[r][w], tile, vectors);
+                          const float *tile, int cold, const int vectors) {
+    int64_t at_once = rows == 1 ? row_words : 1, size = WORD * vectors * LANES;
+    int64_t lines = cold && rows > 1 ? pieces(size, rows * LINE) : 0; /* of the next word, to fetch with each row */
+    for (int64_t w = 0; w < row_words; w += at_once)
+        for (int64_t r = 0; r < rows; r++) {
+            const float *next = tile + (w + 1) * size + r * lines * LINE;
+            for (int64_t i = 0; i < lines && w + 1 < row_words; i++) __builtin_prefetch(next + i * LINE);
+            add_rows(sums + r * stride, words[r] + w, at_once, tile + w * size, vectors);
+        }
 }
 
-/* For each row r: add to the sums at r * stride those rows of a tile of so many vectors that words[r] selects. */
+/* For each row r: add to the sums at r * stride those rows of a tile of so many vectors that words[r] selects.
+ * Cold is a tile that is read for the first time: events touch its rows in no order that a processor could foresee. */
 static void add_events(float *sums, int64_t stride, int64_t rows, const uint64_t *const *words, int64_t row_words,
-                       const float *tile, int64_t vectors) {
+                       const float *tile, int cold, int64_t vectors) {
     switch (vectors) {
-    case 1: add_events_of(sums, stride, rows, words, row_words, tile, 1); break;
-    case 2: add_events_of(sums, stride, rows, words, row_words, tile, 2); break;
-    case 3: add_events_of(sums, stride, rows, words, row_words, tile, 3); break;
-    case 4: add_events_of(sums, stride, rows, words, row_words, tile, 4); break;
-    case 5: add_events_of(sums, stride, rows, words, row_words, tile, 5); break;
-    case 6: add_events_of(sums, stride, rows, words, row_words, tile, 6); break;
-    case 7: add_events_of(sums, stride, rows, words, row_words, tile, 7); break;
-    default: add_events_of(sums, stride, rows, words, row_words, tile, 8); break;
+    case 1: add_events_of(sums, stride, rows, words, row_words, tile, cold, 1); break;
+    case 2: add_events_of(sums, stride, rows, words, row_words, tile, cold, 2); break;
+    case 3: add_events_of(sums, stride, rows, words, row_words, tile, cold, 3); break;
+    case 4: add_events_of(sums, stride, rows, words, row_words, tile, cold, 4); break;
+    case 5: add_events_of(sums, stride, rows, words, row_words, tile, cold, 5); break;
+    case 6: add_events_of(sums, stride, rows, words, row_words, tile, cold, 6); break;
+    case 7: add_events_of(sums, stride, rows, words, row_words, tile, cold, 7); break;
+    default: add_events_of(sums, stride, rows, words, row_words, tile, cold, 8); break;
     }
 }
 
@@ -259,18 +268,24 @@ static void expand(const uint64_t *const *words, int64_t rows, int64_t sources, 
     }
 }
 
-/* Add the currents of a fan-in to the sums of some of its targets. */
+/* Add the currents of a fan-in to the sums of some of its targets: first all rows of 16 targets, then across. */
 static void add_fan_in(float *sums, int64_t rows, const projection *p, const float *expanded, int64_t first,
                        int64_t count) {
-    for (int64_t i = 0; i < count; i++) {
-        float total[ROWS] = {0};
-        for (int64_t j = 0; j < p->fan_in; j++) {
-            int64_t synapse = (first + i) * p->fan_in + j;
-            float weight = p->weights[synapse];
-            const float *lane = expanded + p->index[synapse] * ROWS;
-            for (int r = 0; r < ROWS; r++) total[r] += weight * lane[r];
+    vector totals[16][ROWS / LANES];
+    for (int64_t i = 0; i < count; i += 16) {
+        int64_t some = least(16, count - i);
+        for (int64_t n = 0; n < some; n++) {
+            vector total[ROWS / LANES] = {{0}};
+            for (int64_t j = 0; j < p->fan_in; j++) {
+                int64_t synapse = (first + i + n) * p->fan_in + j;
+                float weight = p->weights[synapse];
+                const vector *lanes = (const vector *)(expanded + p->index[synapse] * ROWS);
+                for (int v = 0; v < ROWS / LANES; v++) total[v] += weight * lanes[v];
+            }
+            for (int v = 0; v < ROWS / LANES; v++) totals[n][v] = total[v];
         }
-        for (int64_t r = 0; r < rows; r++) sums[r * TILE + i] += total[r];
+        for (int64_t r = 0; r < rows; r++)
+            for (int64_t n = 0; n < some; n++) sums[r * TILE + i + n] += ((const float *)totals[n])[r];
     }
 }
 
@@ -302,6 +317,7 @@ static void run_block(const window *w, const block *k, int64_t tile, const float
     const uint64_t *words[ROWS];
     int64_t rows = k->steps * k->elements, first = tile * TILE, count = least(TILE, w->neurons - first);
     int64_t vectors = pieces(count, LANES), row_words;
+    int cold = k->step == 0 && k->element == 0;
     for (int64_t r = 0; r < rows; r++) {
         float *sum = sums + r * TILE;
         if (w->current) memcpy(sum, w->current + row_of(w, k, r) * w->neurons + first, (size_t)count * sizeof(float));
@@ -316,12 +332,12 @@ static void run_block(const window *w, const block *k, int64_t tile, const float
         }
         row_words = pieces(from->sources, WORD);
         for (int64_t r = 0; r < rows; r++) words[r] = from->words + row_of(w, k, r) * row_words;
-        add_events(sums, TILE, rows, words, row_words, from->weights + from->sources * first, vectors);
+        add_events(sums, TILE, rows, words, row_words, from->weights + from->sources * first, cold, vectors);
     }
     if (w->recurrent) { /* row t of `fired` is of the step before */
         row_words = pieces(w->neurons, WORD);
         for (int64_t r = 0; r < rows; r++) words[r] = w->fired + row_of(w, k, r) * row_words;
-        add_events(sums, TILE, rows, words, row_words, w->recurrent + w->neurons * first, vectors);
+        add_events(sums, TILE, rows, words, row_words, w->recurrent + w->neurons * first, cold, vectors);
     }
     for (int64_t i = 0; i < count; i++) threshold[i] = w->threshold[(first + i) * w->threshold_stride];
     if (w->rectify)
@@ -519,7 +535,7 @@ static void dense_gradient_item(const void *arguments, int64_t tile, int64_t wor
             const uint64_t *words[WORD];
             int64_t those = least(WORD, k->sources - s);
             for (int64_t i = 0; i < those; i++) words[i] = by_source + s + i;
-            add_events(sums + s * width, width, those, words, 1, rows, vectors);
+            add_events(sums + s * width, width, those, words, 1, rows, 0, vectors);
         }
     }
     for (int64_t s0 = 0; s0 < k->sources; s0 += 16)
