@@ -5,9 +5,8 @@ are dense and come from torch's matrix product, as do the currents of sources th
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
@@ -22,8 +21,7 @@ DENSE_ABOVE = 0.5
 """The share of sources that fire per step above which a matrix product is faster than events."""
 
 
-@dataclass(frozen=True)
-class Population:
+class Population(NamedTuple):
     """What does not change from window to window: the neuron, each projection's index if any, and its weights' cache."""
 
     neuron: LIF
@@ -31,9 +29,12 @@ class Population:
     checked: CheckedWeights
 
 
-def is_native(tensor: Tensor) -> bool:
-    """Return whether the kernels can read a tensor's memory: float32 on the CPU."""
-    return tensor.dtype is torch.float32 and tensor.is_cpu
+def is_native(*tensors: Tensor | None) -> bool:
+    """Return whether the kernels can read the memory of all tensors: float32 on the CPU."""
+    for tensor in tensors:  # noqa: SIM110 (each microsecond counts here)
+        if tensor is not None and not (tensor.dtype is torch.float32 and tensor.is_cpu):
+            return False
+    return True
 
 
 def run_events(
@@ -63,8 +64,7 @@ def run_events(
     return ran.spikes, ran.last
 
 
-@dataclass(frozen=True)
-class _Ran:
+class _Ran(NamedTuple):
     """A window that was run: its results, and what the way back needs. A dense projection has no events."""
 
     spikes: Tensor
@@ -103,11 +103,11 @@ def _run(
             drives.append(Drive(events, checked.packed(name, weight, native), None))
         else:
             checked.check(name, weight)
-            drives.append(Drive(events, weight.detach().contiguous(), index.contiguous()))
+            drives.append(Drive(events, weight.contiguous(), index.contiguous()))
         kept.append(events)
     recurrent = None if recurrent_weight is None else checked.packed("recurrent", recurrent_weight, native)
-    last = potential.detach().clone(memory_format=torch.contiguous_format)
-    spikes = torch.empty(steps, *last.shape)
+    last = potential.clone().contiguous()
+    spikes = last.new_empty(steps, *last.shape)
     if potentials is None and training:
         potentials = torch.empty_like(spikes) if current is None else current
     fired = native.run_window(
@@ -140,7 +140,7 @@ class _Window(torch.autograd.Function):
         count = len(population.indices)
         inputs, weights = inputs_and_weights[:count], inputs_and_weights[count:]
         ctx.sources = [
-            None if events is None else (events.sources, events.count) for events in ran.events
+            None if events is None else (events.sources, events.ones) for events in ran.events
         ]  # what the events are, but for their words
         words = [
             spikes if events is None else events.words for spikes, events in zip(inputs, ran.events, strict=True)

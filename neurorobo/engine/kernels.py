@@ -6,8 +6,8 @@ gradients. Sizes are the caller's to check.
 
 import ctypes
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cache
+from typing import NamedTuple
 
 import torch
 from torch import Tensor
@@ -93,23 +93,21 @@ class _WeightGradient(ctypes.Structure):
     )
 
 
-@dataclass(frozen=True)
-class Events:
+class Events(NamedTuple):
     """The spikes of a population as bits: ``words`` (steps, batch, words of 64 sources), and how many there are."""
 
     words: Tensor
     sources: int
-    count: int
+    ones: int
 
     @property
     def density(self) -> float:
         """How many of all that could be there are."""
         steps, batch, _ = self.words.shape
-        return self.count / max(1, steps * batch * self.sources)
+        return self.ones / max(1, steps * batch * self.sources)
 
 
-@dataclass(frozen=True)
-class Drive:
+class Drive(NamedTuple):
     """One projection onto a layer: events, and its weights, packed or (targets, fan_in) with their sources' index."""
 
     events: Events
@@ -160,7 +158,7 @@ class Kernels:
     def pack_weights(self, weight: Tensor, packed: Tensor | None = None) -> Tensor:
         """Pack weights (targets, sources), into ``packed`` if it fits; a ValueError if any is not a finite number."""
         targets, sources = weight.shape
-        weight = weight.detach().contiguous()
+        weight = weight.contiguous()
         size = self._packed_size(targets, sources)
         if packed is None or len(packed) != size:
             packed = torch.empty(size)
@@ -188,7 +186,7 @@ class Kernels:
         """
         steps, batch, neurons = spikes.shape
         fired = None
-        work = sum(drive.events.count for drive in drives) * neurons
+        work = sum(drive.events.ones for drive in drives) * neurons
         if recurrent is not None:
             fired = torch.empty(steps + 1, batch, (neurons + 63) // 64, dtype=torch.int64)
             work += spikes.numel() * neurons // 8
@@ -291,7 +289,7 @@ class Kernels:
                     steps * batch,
                     events.sources,
                     targets,
-                    _threads(events.count * targets if index is None else grad_current.numel() * fan_in),
+                    _threads(events.ones * targets if index is None else grad_current.numel() * fan_in),
                     events.words.data_ptr(),
                     grad_current.data_ptr(),
                     _address(index),

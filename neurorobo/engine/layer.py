@@ -73,59 +73,74 @@ class Layer(nn.Module):
         """
         if torch._C._are_functorch_transforms_active():
             raise NotImplementedError("a layer runs under autograd, but not under vmap, grad or others of torch.func")
-        self._check_sizes(inputs)
+        projections = list(self.projections)
+        self._check_sizes(projections, inputs)
         if self.threshold is not None:
             self._checked.check("threshold", self.threshold)
-        if type(self.neuron) is LIF:
-            native = kernels()
-            if native is not None and (ran := self._run_events(native, inputs, state)) is not None:
+        if type(self.neuron) is not LIF:
+            current = self._current(projections, inputs)
+            return run_steps(current, state, self.neuron, self._recurrent_weight())
+        if (native := kernels()) is not None:
+            ran = self._run_events(native, projections, inputs, state, self.neuron)
+            if ran is not None:
                 return ran
-        for spikes in inputs:
+        current = self._current(projections, inputs)
+        return run_window(current, state, self.neuron, self.threshold, self._recurrent_weight())
+
+    def _check_sizes(self, projections: Sequence[nn.Module], inputs: Sequence[Tensor]) -> None:
+        if len(inputs) != len(projections):
+            raise ValueError(f"a layer of {len(projections)} projections was given {len(inputs)} inputs")
+        window = inputs[0].shape[:2]
+        for projection, spikes in zip(projections, inputs, strict=True):
+            shape = spikes.shape
+            if len(shape) != 3 or shape[0] == 0:
+                raise ValueError(f"a window is of (steps, batch, sources) and at least one step, got {tuple(shape)}")
+            if shape[:2] != window:
+                windows = sorted({tuple(spikes.shape[:-1]) for spikes in inputs})
+                raise ValueError(f"the inputs of a layer must agree in steps and batch, got {windows}")
+            if shape[2] != projection.sources:
+                raise ValueError(
+                    f"a projection of {projection.sources} sources was given the spikes of {shape[2]}"
+                )
+
+    def _recurrent_weight(self) -> Tensor | None:
+        if self.recurrent is None:
+            return None
+        self._checked.check("recurrent", self.recurrent.weight)
+        return self.recurrent.matrix()
+
+    def _current(self, projections: Sequence[nn.Module], inputs: Sequence[Tensor]) -> Tensor:
+        """Return the currents (steps, batch, neurons) of all projections, by matrix products."""
+        for number, (projection, spikes) in enumerate(zip(projections, inputs, strict=True)):
             check_spikes(spikes)
-        current: Tensor | None = None
-        for number, (projection, spikes) in enumerate(zip(self.projections, inputs, strict=True)):
             self._checked.check(f"projection {number}", projection.weight)  # type: ignore[arg-type]
-            current = projection(spikes) if current is None else current.add_(projection(spikes))
-        assert current is not None
-        recurrent = None if self.recurrent is None else self.recurrent.matrix()
-        if self.recurrent is not None:
-            self._checked.check("recurrent", self.recurrent.weight)
-        if type(self.neuron) is LIF:
-            return run_window(current, state, self.neuron, self.threshold, recurrent)
-        return run_steps(current, state, self.neuron, recurrent)
+        first, *rest = zip(projections, inputs, strict=True)
+        current: Tensor = first[0](first[1])
+        for projection, spikes in rest:
+            current += projection(spikes)
+        return current
 
-    def _check_sizes(self, inputs: Sequence[Tensor]) -> None:
-        if len(inputs) != len(self.projections):
-            raise ValueError(f"a layer of {len(self.projections)} projections was given {len(inputs)} inputs")
-        if len(windows := {tuple(spikes.shape[:-1]) for spikes in inputs}) > 1:
-            raise ValueError(f"the inputs of a layer must agree in steps and batch, got {sorted(windows)}")
-        for projection, spikes in zip(self.projections, inputs, strict=True):
-            if spikes.dim() != 3 or len(spikes) == 0:
-                raise ValueError(
-                    f"a window is of (steps, batch, sources) and at least one step, got {tuple(spikes.shape)}"
-                )
-            if spikes.shape[2] != projection.sources:
-                raise ValueError(
-                    f"a projection of {projection.sources} sources was given the spikes of {spikes.shape[2]}"
-                )
-
-    def _run_events(self, native: Kernels, inputs: Sequence[Tensor], state: Tensor) -> tuple[Tensor, Tensor] | None:
-        """Run on the native path; None if the tensors are not what it takes."""
+    def _run_events(
+        self, native: Kernels, projections: Sequence[nn.Module], inputs: Sequence[Tensor], state: Tensor, neuron: LIF
+    ) -> tuple[Tensor, Tensor] | None:
+        """Run on the native path; None if the tensors or the projections are not such as it takes."""
         weights: list[Tensor] = []
         indices: list[Tensor | None] = []
-        for projection in self.projections:
-            if type(projection).forward is not Projection.forward:
+        for projection in projections:
+            kind = type(projection)
+            if kind is Dense or kind is FanIn:
+                weights.append(projection.weight)  # type: ignore[arg-type]
+                indices.append(projection.source_index if kind is FanIn else None)  # type: ignore[arg-type]
+            else:
                 return None
-            fan_in = type(projection) is FanIn
-            weights.append(projection.weight if fan_in else projection.matrix())  # type: ignore[arg-type, operator]
-            indices.append(projection.source_index if fan_in else None)  # type: ignore[arg-type]
-        recurrent = None if self.recurrent is None else self.recurrent.matrix()
-        given = (state, *inputs, *weights) if recurrent is None else (state, recurrent, *inputs, *weights)
-        if not all(is_native(tensor) for tensor in given):
+        recurrent = None
+        if self.recurrent is not None:
+            if type(self.recurrent) is not Dense:
+                return None
+            recurrent = self.recurrent.weight
+        if not is_native(state, recurrent, *inputs, *weights):
             return None
         if state.shape != (wanted := (inputs[0].shape[1], self.neurons)):
-            raise ValueError(
-                f"the potential is of {tuple(state.shape)} (batch, neurons), the current of {wanted}"
-            )
-        population = Population(self.neuron, indices, self._checked)  # type: ignore[arg-type]
+            raise ValueError(f"the potential is of {tuple(state.shape)} (batch, neurons), the current of {wanted}")
+        population = Population(neuron, indices, self._checked)
         return run_events(native, population, inputs, weights, state, self.threshold, recurrent)

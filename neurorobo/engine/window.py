@@ -41,8 +41,7 @@ def run_window(
     if threshold is None:
         threshold = current.new_tensor(neuron.threshold)
     native = kernels()
-    given = (current, potential, threshold) if recurrent_weight is None else (current, potential, threshold, recurrent_weight)
-    if native is not None and current.is_contiguous() and all(is_native(tensor) for tensor in given):
+    if native is not None and is_native(current, potential, threshold, recurrent_weight) and current.is_contiguous():
         population = Population(neuron, (), CheckedWeights())
         return run_events(native, population, (), (), potential, threshold, recurrent_weight, current)
     spikes, potentials = _Window.apply(current, potential, threshold, recurrent_weight, neuron)  # type: ignore[no-untyped-call]
