@@ -10,7 +10,6 @@ from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
-from torch.autograd.function import once_differentiable
 from torch.nn import functional
 
 from neurorobo.engine.checked import CheckedWeights
@@ -27,6 +26,12 @@ class Population(NamedTuple):
     neuron: LIF
     indices: Sequence[Tensor | None]
     checked: CheckedWeights
+
+
+def refuse_second_derivatives() -> None:
+    """Raise a NotImplementedError on a way back whose gradients are to be differentiated once more."""
+    if torch.is_grad_enabled():
+        raise NotImplementedError("the gradients of a layer cannot be differentiated again (create_graph=True)")
 
 
 def is_native(*tensors: Tensor | None) -> bool:
@@ -149,10 +154,10 @@ class _Window(torch.autograd.Function):
         return ran.spikes, ran.last, current
 
     @staticmethod
-    @once_differentiable
     def backward(
         ctx: Any, grad_spikes: Tensor | None, grad_last: Tensor | None, _: Tensor | None
     ) -> tuple[Tensor | None, ...]:
+        refuse_second_derivatives()
         potentials, potential, threshold, recurrent_weight, fired, *rest = ctx.saved_tensors
         native: Kernels = ctx.native
         neuron, indices = ctx.population.neuron, ctx.population.indices

@@ -1,5 +1,6 @@
 """A layer: projections onto one population of neurons."""
 
+import sys
 from collections.abc import Sequence
 
 import torch
@@ -71,6 +72,11 @@ class Layer(nn.Module):
         Raises a ValueError if their numbers of steps, batches or sources do not fit, if a spike is neither 0 nor 1, or
         if a weight is not finite; a NotImplementedError under the transforms of ``torch.func``.
         """
+        if "torch._dynamo" in sys.modules:  # torch.compile may be tracing; it is to leave the engine as it is
+            return torch.compiler.disable(self._run)(inputs, state)  # type: ignore[no-any-return]
+        return self._run(inputs, state)
+
+    def _run(self, inputs: Sequence[Tensor], state: Tensor) -> tuple[Tensor, Tensor]:
         if torch._C._are_functorch_transforms_active():
             raise NotImplementedError("a layer runs under autograd, but not under vmap, grad or others of torch.func")
         projections = list(self.projections)

@@ -9,10 +9,9 @@ from typing import Any
 
 import torch
 from torch import Tensor
-from torch.autograd.function import once_differentiable
 
 from neurorobo.engine.checked import CheckedWeights
-from neurorobo.engine.events import Population, is_native, run_events
+from neurorobo.engine.events import Population, is_native, refuse_second_derivatives, run_events
 from neurorobo.engine.kernels import kernels
 from neurorobo.neurons import LIF, Neuron
 
@@ -111,8 +110,8 @@ class _Window(torch.autograd.Function):
         return spikes, current
 
     @staticmethod
-    @once_differentiable
     def backward(ctx: Any, grad_spikes: Tensor | None, grad_potentials: Tensor | None) -> tuple[Tensor | None, ...]:
+        refuse_second_derivatives()
         potentials, potential, threshold, recurrent_weight = ctx.saved_tensors
         neuron: LIF = ctx.neuron
         _, needs_potential, needs_threshold, needs_recurrent, _ = ctx.needs_input_grad
