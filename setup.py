@@ -1,7 +1,7 @@
 """Build the engine's native path with the package, once per instruction set.
 
-All builds are optional: where there is no C compiler, or one that does not know an instruction set, the package installs
-without them, and the engine runs in torch.
+All builds are optional: where there is no C compiler, or one that does not know an instruction set, the package
+installs without them, and the engine runs in torch.
 """
 
 import hashlib

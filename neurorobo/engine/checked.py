@@ -3,12 +3,10 @@
 from dataclasses import dataclass
 from typing import Any
 
-import torch
 from torch import Tensor
 from torch.optim.optimizer import register_optimizer_step_post_hook
 
 from neurorobo.engine.kernels import Kernels, not_a_spike, not_finite
-
 
 _optimiser_steps = 0
 

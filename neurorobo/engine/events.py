@@ -21,7 +21,7 @@ DENSE_ABOVE = 0.5
 
 
 class Population(NamedTuple):
-    """What does not change from window to window: the neuron, each projection's index if any, and its weights' cache."""
+    """What does not change from window to window: the neuron, the index of each fan-in's sources, weights as checked."""
 
     neuron: LIF
     indices: Sequence[Tensor | None]
@@ -61,11 +61,12 @@ def run_events(
     """
     if threshold is None:
         threshold = _number(population.neuron.threshold)
-    given = (current, potential, threshold, recurrent_weight, *inputs, *weights)
-    if torch.is_grad_enabled() and any(tensor is not None and tensor.requires_grad for tensor in given):
-        spikes, last, _ = _Window.apply(native, population, *given)  # type: ignore[no-untyped-call]
-        return spikes, last
-    ran = _run(native, population, *given, training=False)
+    if torch.is_grad_enabled():
+        given = (current, potential, threshold, recurrent_weight, *inputs, *weights)
+        if any(tensor is not None and tensor.requires_grad for tensor in given):
+            spikes, last, _ = _Window.apply(native, population, *given)  # type: ignore[no-untyped-call]
+            return spikes, last
+    ran = _run(native, population, current, potential, threshold, recurrent_weight, *inputs, *weights, training=False)
     return ran.spikes, ran.last
 
 
@@ -147,9 +148,7 @@ class _Window(torch.autograd.Function):
         ctx.sources = [
             None if events is None else (events.sources, events.ones) for events in ran.events
         ]  # what the events are, but for their words
-        words = [
-            spikes if events is None else events.words for spikes, events in zip(inputs, ran.events, strict=True)
-        ]
+        words = [spikes if events is None else events.words for spikes, events in zip(inputs, ran.events, strict=True)]
         ctx.save_for_backward(ran.potentials, potential, threshold, recurrent_weight, ran.fired, *words, *weights)
         return ran.spikes, ran.last, current
 
@@ -174,9 +173,7 @@ class _Window(torch.autograd.Function):
             """Go back through some steps, of a recurrent layer one by one."""
             if later is not None and recurrent_weight is not None:
                 grads = torch.addmm(grads[0], later, recurrent_weight).unsqueeze(0)
-            native.scan_back(
-                neuron, threshold, potentials, grads, last, later, into, grad_threshold, rectify=rectify
-            )
+            native.scan_back(neuron, threshold, potentials, grads, last, later, into, grad_threshold, rectify=rectify)
 
         if grad_last is not None:
             grad_last = grad_last.contiguous()
@@ -201,9 +198,7 @@ class _Window(torch.autograd.Function):
         grad_inputs: list[Tensor | None] = []
         grad_weights: list[Tensor | None] = []
         flat = grad_current.flatten(0, 1)
-        for number, (spikes, weight, index, known) in enumerate(
-            zip(words, weights, indices, ctx.sources, strict=True)
-        ):
+        for number, (spikes, weight, index, known) in enumerate(zip(words, weights, indices, ctx.sources, strict=True)):
             needs_input, needs_weight = needs[number], needs[len(indices) + number]
             grad_input = grad_weight = None
             if needs_input:

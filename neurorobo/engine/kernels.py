@@ -108,11 +108,11 @@ class Events(NamedTuple):
 
 
 class Drive(NamedTuple):
-    """One projection onto a layer: events, and its weights, packed or (targets, fan_in) with their sources' index."""
+    """One projection onto a layer: events, and weights: packed, or (targets, fan_in) with the index of their sources."""
 
     events: Events
     weights: Tensor
-    index: Tensor | None
+    source_index: Tensor | None
 
 
 def kernels() -> "Kernels | None":
@@ -192,12 +192,12 @@ class Kernels:
             work += spikes.numel() * neurons // 8
         projections = (_Projection * len(drives))(
             *(
-                (
+                _Projection(
                     drive.events.sources,
                     drive.events.words.data_ptr(),
                     drive.weights.data_ptr(),
-                    None if drive.index is None else drive.index.data_ptr(),
-                    0 if drive.index is None else drive.index.shape[1],
+                    None if drive.source_index is None else drive.source_index.data_ptr(),
+                    0 if drive.source_index is None else drive.source_index.shape[1],
                 )
                 for drive in drives
             )

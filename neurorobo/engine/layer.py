@@ -105,9 +105,7 @@ class Layer(nn.Module):
                 windows = sorted({tuple(spikes.shape[:-1]) for spikes in inputs})
                 raise ValueError(f"the inputs of a layer must agree in steps and batch, got {windows}")
             if shape[2] != projection.sources:
-                raise ValueError(
-                    f"a projection of {projection.sources} sources was given the spikes of {shape[2]}"
-                )
+                raise ValueError(f"a projection of {projection.sources} sources was given the spikes of {shape[2]}")
 
     def _recurrent_weight(self) -> Tensor | None:
         if self.recurrent is None:

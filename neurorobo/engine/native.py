@@ -61,7 +61,9 @@ def _choose() -> tuple[EnginePath, ctypes.CDLL | None]:
         for name in (instructions,) if instructions else reversed(INSTRUCTION_SETS[: best + 1]):
             loaded, reason = _load(name)
             if loaded is not None:
-                why = f"{INSTRUCTIONS_VARIABLE}={name}" if instructions else "the best that was built for this processor"
+                why = (
+                    f"{INSTRUCTIONS_VARIABLE}={name}" if instructions else "the best that was built for this processor"
+                )
                 return EnginePath("native", why, name), loaded
     assert reason is not None
     if engine == "native" or instructions:
@@ -83,8 +85,8 @@ def _load(instructions: str) -> tuple[ctypes.CDLL | None, str | None]:
     if file is None:
         machine = f"{platform.system()} {platform.machine()}"
         return None, (
-            f"neurorobo was installed without a library for {instructions} on {machine}: there was no C compiler, or it "
-            "failed; install one and neurorobo again"
+            f"neurorobo was installed without a library for {instructions} on {machine}: there was no C compiler, "
+            "or it failed; install one and neurorobo again"
         )
     try:
         loaded = ctypes.CDLL(str(file))

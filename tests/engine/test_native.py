@@ -320,7 +320,11 @@ def shapes(draw: st.DrawFn) -> Shape:
         count = draw(st.integers(1, 140))
         sources.append((count, draw(st.integers(1, min(count, 6)))) if draw(st.booleans()) else count)
     return Shape(
-        draw(st.integers(1, 70)), draw(st.integers(1, 20)), draw(st.integers(1, 300)), tuple(sources), draw(st.booleans())
+        draw(st.integers(1, 70)),
+        draw(st.integers(1, 20)),
+        draw(st.integers(1, 300)),
+        tuple(sources),
+        draw(st.booleans()),
     )
 
 

@@ -43,7 +43,9 @@ def spikes(steps: int, batch: int, neurons: int) -> Tensor:
 
 def layer() -> Layer:
     projections = [Dense(30, 20, generator(), gain=1.5), FanIn(12, 20, 3, generator(1))]
-    built = Layer(projections, LIF(surrogate=Surrogate("arctan")), Dense(20, 20, generator(2)), trainable_threshold=True)
+    built = Layer(
+        projections, LIF(surrogate=Surrogate("arctan")), Dense(20, 20, generator(2)), trainable_threshold=True
+    )
     with torch.no_grad():
         for parameter in built.parameters():
             parameter.copy_(to_grid(parameter))
@@ -86,7 +88,10 @@ def test_a_library_that_cannot_be_loaded_is_not_used(no_libraries: Path) -> None
 
 @pytest.mark.parametrize(
     ("path", "instructions", "words"),
-    [("fast", "", "`native`, `portable` or unset, not 'fast'"), ("", "mmx", "baseline, avx2, avx512 or unset, not 'mmx'")],
+    [
+        ("fast", "", "`native`, `portable` or unset, not 'fast'"),
+        ("", "mmx", "baseline, avx2, avx512 or unset, not 'mmx'"),
+    ],
 )
 def test_an_unknown_path_is_refused(path: str, instructions: str, words: str) -> None:
     with engine(path, instructions), pytest.raises(NeuroroboError, match=words):
