@@ -108,7 +108,7 @@ class Events(NamedTuple):
 
 
 class Drive(NamedTuple):
-    """One projection onto a layer: events, and weights: packed, or (targets, fan_in) with the index of their sources."""
+    """One projection onto a layer: events, and weights: packed, or (targets, fan_in) with their sources' index."""
 
     events: Events
     weights: Tensor

@@ -94,7 +94,7 @@ def _load(instructions: str) -> tuple[ctypes.CDLL | None, str | None]:
         built_from = loaded.neurorobo_source().decode()
     except (OSError, AttributeError) as error:
         return None, f"{file.name} cannot be loaded ({error}); install neurorobo again"
-    source = FOLDER / "native.c"  # beside the library in a checkout, not in an installation
+    source = FOLDER / "native.c"
     if source.exists() and built_from != hashlib.sha256(source.read_bytes()).hexdigest()[:16]:
         return None, f"{file.name} was built from another version of {source.name}; install neurorobo again"
     return loaded, None
