@@ -339,7 +339,10 @@ static void run_block(const window *w, const block *k, int64_t tile, const float
         for (int64_t r = 0; r < rows; r++) words[r] = w->fired + row_of(w, k, r) * row_words;
         add_events(sums, TILE, rows, words, row_words, w->recurrent + w->neurons * first, cold, vectors);
     }
-    for (int64_t i = 0; i < count; i++) threshold[i] = w->threshold[(first + i) * w->threshold_stride];
+    if (w->threshold_stride)
+        memcpy(threshold, w->threshold + first, (size_t)count * sizeof(float));
+    else
+        for (int64_t i = 0; i < count; i++) threshold[i] = *w->threshold;
     if (w->rectify)
         scan_of(w, k, sums, threshold, first, count, 1);
     else
