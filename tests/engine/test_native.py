@@ -212,19 +212,15 @@ def test_neither_threads_nor_the_instruction_set_change_a_bit(kind: str, monkeyp
     inputs, state = problem(kind, 66, 40)
     monkeypatch.setattr(kernels, "WORK_FOR_THREADS", 0)
     found = []
-    threads = torch.get_num_threads()
-    try:
-        for instructions in instruction_sets():
-            for count in (1, 3):
-                with engine("native", instructions):
-                    # torch's own products may depend on the number of threads, so the kernels alone get more
-                    monkeypatch.setattr(kernels.torch, "get_num_threads", lambda count=count: count)
-                    layer = copy.deepcopy(layer)  # the tiles of another build are of another width
-                    with torch.no_grad():
-                        results = dict(zip(("spikes", "last"), layer(inputs, state), strict=True))
-                    found.append(results | gradients(Layer.__call__, layer, inputs, state))
-    finally:
-        torch.set_num_threads(threads)
+    for instructions in instruction_sets():
+        for count in (1, 3):
+            with engine("native", instructions):
+                # torch's own products may depend on the number of threads, so the kernels alone get more
+                monkeypatch.setattr(torch, "get_num_threads", lambda count=count: count)
+                layer = copy.deepcopy(layer)  # the tiles of another build are of another width
+                with torch.no_grad():
+                    results = dict(zip(("spikes", "last"), layer(inputs, state), strict=True))
+                found.append(results | gradients(Layer.__call__, layer, inputs, state))
     assert len(found) >= 2
     for other in found[1:]:
         for name, tensor in found[0].items():
