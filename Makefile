@@ -63,7 +63,7 @@ python:
 	  $(BIN)/python -c 'from importlib.metadata import version; print("torch==" + version("torch"))'; } > .venv/constraints.txt
 	@touch $@
 
-.venv/.installed: .venv/.torch pyproject.toml $(PLUGINS)
+.venv/.installed: .venv/.torch pyproject.toml setup.py neurorobo/engine/native.c $(PLUGINS)
 	$(PIP) install -c .venv/constraints.txt -e . $(PLUGINS:%/pyproject.toml=-e %)
 	@touch $@
 

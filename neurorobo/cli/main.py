@@ -7,6 +7,7 @@ import click
 
 import neurorobo
 from neurorobo.cli.compare import compare
+from neurorobo.cli.doctor import doctor
 from neurorobo.cli.exit_codes import BAD_INPUT, INTERRUPTED
 from neurorobo.cli.inspect import graph, plan, plugins, schema, validate
 from neurorobo.cli.run import run
@@ -63,7 +64,7 @@ def cli() -> None:
     """
 
 
-for command in (run, train, compare, view, validate, plan, graph, plugins, schema):
+for command in (run, train, compare, view, validate, plan, graph, plugins, schema, doctor):
     cli.add_command(command)
 
 

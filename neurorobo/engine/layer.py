@@ -1,13 +1,17 @@
 """A layer: projections onto one population of neurons."""
 
+import sys
 from collections.abc import Sequence
 
 import torch
 from torch import Tensor, nn
 
+from neurorobo.engine.checked import CheckedWeights, check_spikes
+from neurorobo.engine.events import Population, is_native, run_events
+from neurorobo.engine.kernels import Kernels, kernels
 from neurorobo.engine.window import run_steps, run_window
 from neurorobo.neurons import LIF, Neuron
-from neurorobo.synapses import Dense, Projection
+from neurorobo.synapses import Dense, FanIn, Projection
 
 LEAST_THRESHOLD = 0.05
 """Where the training of a threshold stops: neurons below it would fire by themselves."""
@@ -39,6 +43,7 @@ class Layer(nn.Module):
         self.projections = nn.ModuleList(projections)
         self.recurrent = recurrent
         self.neuron = neuron
+        self._checked = CheckedWeights()
         self.threshold: nn.Parameter | None = None
         if trainable_threshold:
             if type(neuron) is not LIF:
@@ -64,15 +69,82 @@ class Layer(nn.Module):
     def forward(self, inputs: Sequence[Tensor], state: Tensor) -> tuple[Tensor, Tensor]:
         """Run one window: spikes (steps, batch, sources) of each projection and the state -> spikes and the new state.
 
-        Raises a ValueError if their numbers of steps, batches or sources do not fit.
+        Raises a ValueError if their numbers of steps, batches or sources do not fit, if a spike is neither 0 nor 1, or
+        if a weight is not finite; a NotImplementedError under the transforms of ``torch.func``.
         """
-        if len(windows := {tuple(spikes.shape[:-1]) for spikes in inputs}) > 1:
-            raise ValueError(f"the inputs of a layer must agree in steps and batch, got {sorted(windows)}")
-        first, *rest = zip(self.projections, inputs, strict=True)
-        current = first[0](first[1])
+        if "torch._dynamo" in sys.modules:  # torch.compile may be tracing; it is to leave the engine as it is
+            return torch.compiler.disable(self._run)(inputs, state)  # type: ignore[no-any-return]
+        return self._run(inputs, state)
+
+    def _run(self, inputs: Sequence[Tensor], state: Tensor) -> tuple[Tensor, Tensor]:
+        if torch._C._are_functorch_transforms_active():
+            raise NotImplementedError("a layer runs under autograd, but not under vmap, grad or others of torch.func")
+        projections = list(self.projections)
+        self._check_sizes(projections, inputs)
+        if self.threshold is not None:
+            self._checked.check("threshold", self.threshold)
+        if type(self.neuron) is not LIF:
+            current = self._current(projections, inputs)
+            return run_steps(current, state, self.neuron, self._recurrent_weight())
+        if (native := kernels()) is not None:
+            ran = self._run_events(native, projections, inputs, state, self.neuron)
+            if ran is not None:
+                return ran
+        current = self._current(projections, inputs)
+        return run_window(current, state, self.neuron, self.threshold, self._recurrent_weight())
+
+    def _check_sizes(self, projections: Sequence[nn.Module], inputs: Sequence[Tensor]) -> None:
+        if len(inputs) != len(projections):
+            raise ValueError(f"a layer of {len(projections)} projections was given {len(inputs)} inputs")
+        window = inputs[0].shape[:2]
+        for projection, spikes in zip(projections, inputs, strict=True):
+            shape = spikes.shape
+            if len(shape) != 3 or shape[0] == 0:
+                raise ValueError(f"a window is of (steps, batch, sources) and at least one step, got {tuple(shape)}")
+            if shape[:2] != window:
+                windows = sorted({tuple(spikes.shape[:-1]) for spikes in inputs})
+                raise ValueError(f"the inputs of a layer must agree in steps and batch, got {windows}")
+            if shape[2] != projection.sources:
+                raise ValueError(f"a projection of {projection.sources} sources was given the spikes of {shape[2]}")
+
+    def _recurrent_weight(self) -> Tensor | None:
+        if self.recurrent is None:
+            return None
+        self._checked.check("recurrent", self.recurrent.weight)
+        return self.recurrent.matrix()
+
+    def _current(self, projections: Sequence[nn.Module], inputs: Sequence[Tensor]) -> Tensor:
+        """Return the currents (steps, batch, neurons) of all projections, by matrix products."""
+        for number, (projection, spikes) in enumerate(zip(projections, inputs, strict=True)):
+            check_spikes(spikes)
+            self._checked.check(f"projection {number}", projection.weight)  # type: ignore[arg-type]
+        first, *rest = zip(projections, inputs, strict=True)
+        current: Tensor = first[0](first[1])
         for projection, spikes in rest:
             current += projection(spikes)
-        recurrent = None if self.recurrent is None else self.recurrent.matrix()
-        if type(self.neuron) is LIF:
-            return run_window(current, state, self.neuron, self.threshold, recurrent)
-        return run_steps(current, state, self.neuron, recurrent)
+        return current
+
+    def _run_events(
+        self, native: Kernels, projections: Sequence[nn.Module], inputs: Sequence[Tensor], state: Tensor, neuron: LIF
+    ) -> tuple[Tensor, Tensor] | None:
+        """Run on the native path; None if the tensors or the projections are not such as it takes."""
+        weights: list[Tensor] = []
+        indices: list[Tensor | None] = []
+        for projection in projections:
+            kind = type(projection)
+            if kind is Dense or kind is FanIn:
+                weights.append(projection.weight)  # type: ignore[arg-type]
+                indices.append(projection.source_index if kind is FanIn else None)  # type: ignore[arg-type]
+            else:
+                return None
+        recurrent = None
+        if self.recurrent is not None:
+            if type(self.recurrent) is not Dense:
+                return None
+            recurrent = self.recurrent.weight
+        if not is_native(state, recurrent, *inputs, *weights):
+            return None
+        if state.shape != (wanted := (inputs[0].shape[1], self.neurons)):
+            raise ValueError(f"the potential is of {tuple(state.shape)} (batch, neurons), the current of {wanted}")
+        population = Population(neuron, indices, self._checked)
+        return run_events(native, population, inputs, weights, state, self.threshold, recurrent)

@@ -9,8 +9,10 @@ from typing import Any
 
 import torch
 from torch import Tensor
-from torch.autograd.function import once_differentiable
 
+from neurorobo.engine.checked import CheckedWeights
+from neurorobo.engine.events import Population, is_native, refuse_second_derivatives, run_events
+from neurorobo.engine.kernels import kernels
 from neurorobo.neurons import LIF, Neuron
 
 
@@ -29,12 +31,18 @@ def run_window(
     neurons), row = target, carries each step's spikes to the next step. Returns spikes (steps, batch, neurons) and
     the last potential, differentiable in all four tensors. Raises a ValueError if current and potential differ in size.
     """
+    if len(current) == 0:
+        raise ValueError(f"a window has at least one step, got a current of {tuple(current.shape)}")
     if current.shape[1:] != potential.shape:
         raise ValueError(
             f"the potential is of {tuple(potential.shape)} (batch, neurons), the current of {tuple(current.shape[1:])}"
         )
     if threshold is None:
         threshold = current.new_tensor(neuron.threshold)
+    native = kernels()
+    if native is not None and is_native(current, potential, threshold, recurrent_weight) and current.is_contiguous():
+        population = Population(neuron, (), CheckedWeights())
+        return run_events(native, population, (), (), potential, threshold, recurrent_weight, current)
     spikes, potentials = _Window.apply(current, potential, threshold, recurrent_weight, neuron)  # type: ignore[no-untyped-call]
     return spikes, potentials[-1]
 
@@ -102,8 +110,8 @@ class _Window(torch.autograd.Function):
         return spikes, current
 
     @staticmethod
-    @once_differentiable
     def backward(ctx: Any, grad_spikes: Tensor | None, grad_potentials: Tensor | None) -> tuple[Tensor | None, ...]:
+        refuse_second_derivatives()
         potentials, potential, threshold, recurrent_weight = ctx.saved_tensors
         neuron: LIF = ctx.neuron
         _, needs_potential, needs_threshold, needs_recurrent, _ = ctx.needs_input_grad

@@ -9,6 +9,9 @@ from torch.nn import functional
 
 Sign = Literal["excitatory", "inhibitory"]
 
+MOST_SYNAPSES = 2**31
+"""Of one projection, whether all of them exist or only some are drawn."""
+
 
 class Projection(nn.Module, ABC):
     """A matrix of synaptic weights from ``sources`` to ``targets``, whose signs may be fixed by Dale's law.
@@ -20,6 +23,11 @@ class Projection(nn.Module, ABC):
 
     def __init__(self, sources: int, targets: int, sign: Sign | None) -> None:
         super().__init__()
+        if sources * targets > MOST_SYNAPSES:
+            raise ValueError(
+                f"a projection of {sources} sources onto {targets} targets would have {sources * targets} synapses, "
+                f"more than {MOST_SYNAPSES}; divide it"
+            )
         self.sources = sources
         self.targets = targets
         self.sign = sign

@@ -31,9 +31,9 @@ def run_window(
     spikes = []
     for now in current:
         reset = fired if neuron.reset_gradient == "full" else fired.detach()
-        potential = neuron.decay * potential * (1 - reset) + now
         if recurrent_weight is not None:
-            potential = potential + fired @ recurrent_weight.t()
+            now = now + fired @ recurrent_weight.t()
+        potential = now + neuron.decay * potential * (1 - reset)
         if neuron.rectify:
             potential = potential.relu()
         fired = Fire.apply(potential - threshold, neuron.surrogate)

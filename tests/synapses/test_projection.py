@@ -95,3 +95,9 @@ def test_fresh_weights_are_as_large_as_stated_and_come_from_the_generator() -> N
 def test_an_impossible_fan_in_is_refused(fan_in: int) -> None:
     with pytest.raises(ValueError, match=f"a fan-in of {fan_in} cannot be drawn from 5 sources"):
         FanIn(5, 3, fan_in, generator())
+
+
+def test_more_synapses_than_can_be_counted_are_refused_before_they_are_drawn() -> None:
+    for build in (lambda: Dense(2**16, 2**16, generator()), lambda: FanIn(2**16, 2**16, 2, generator())):
+        with pytest.raises(ValueError, match="65536 sources onto 65536 targets would have 4294967296 synapses"):
+            build()

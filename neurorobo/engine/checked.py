@@ -1,0 +1,91 @@
+"""Weights that have been looked at: finite, and packed for the kernels; once for each time that they change."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from torch import Tensor
+from torch.optim.optimizer import register_optimizer_step_post_hook
+
+from neurorobo.engine.kernels import Kernels, not_a_spike, not_finite
+
+_optimiser_steps = 0
+
+
+def _count_step(*_: object) -> None:
+    global _optimiser_steps
+    _optimiser_steps += 1
+
+
+register_optimizer_step_post_hook(_count_step)  # torch's fused optimisers leave a tensor's version as it was
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """A tensor at one version; holding it, and what it shared memory with, keeps both from being given away."""
+
+    tensor: Tensor
+    memory: Tensor
+    version: int
+    steps: int
+    packed: Tensor | None
+
+    def is_still(self, tensor: Tensor) -> bool:
+        """Return whether this is the same tensor, unchanged."""
+        return (
+            self.tensor is tensor
+            and self.memory.data_ptr() == tensor.data_ptr()
+            and not tensor.is_inference()
+            and self.version == tensor._version
+            and self.steps == _optimiser_steps
+        )
+
+
+class CheckedWeights:
+    """What one layer remembers of its weights; it is derived from them, and neither saved nor copied.
+
+    A change is noticed if torch counts it: whatever is done to a parameter itself, be it in place or by replacing it,
+    and each step of an optimiser; but not what is written through its ``.data`` or memory that NumPy shares.
+    """
+
+    def __init__(self) -> None:
+        self._seen: dict[str, _Seen] = {}
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return CheckedWeights, ()
+
+    def check(self, name: str, weight: Tensor) -> None:
+        """Raise a ValueError, which says the name and the place, unless all weights are finite."""
+        seen = self._seen.get(name)
+        if seen is None or not seen.is_still(weight):
+            finite = weight.detach().isfinite()
+            if not finite.all():
+                place = (~finite).nonzero()[0].tolist()
+                raise ValueError(f"{name}: {not_finite(weight, place)}")
+            self._keep(name, weight, None)
+
+    def packed(self, name: str, weight: Tensor, kernels: Kernels) -> Tensor:
+        """Return the weights (targets, sources) as the kernels want them; raises as :meth:`check` does."""
+        seen = self._seen.get(name)
+        if seen is not None and seen.packed is not None and seen.is_still(weight):
+            return seen.packed
+        try:
+            packed = kernels.pack_weights(weight, seen.packed if seen is not None and seen.tensor is weight else None)
+        except ValueError as error:
+            raise ValueError(f"{name}: {error}") from None
+        self._keep(name, weight, packed)
+        return packed
+
+    def _keep(self, name: str, weight: Tensor, packed: Tensor | None) -> None:
+        if weight.is_inference():  # its changes are not counted
+            return
+        # A tensor that is part of a graph would keep the graph.
+        if weight.grad_fn is None:
+            self._seen[name] = _Seen(weight, weight.detach(), weight._version, _optimiser_steps, packed)
+
+
+def check_spikes(spikes: Tensor) -> None:
+    """Raise a ValueError, which says the place, unless all spikes (steps, batch, sources) are 0 or 1."""
+    fine = (spikes == 0) | (spikes == 1)
+    if not fine.all():
+        step, element, source = (~fine).nonzero()[0].tolist()
+        raise ValueError(not_a_spike(spikes, step, element, source))

@@ -1,0 +1,237 @@
+"""One window of a layer on the native path: forwards driven by events, backwards by hand.
+
+Only those synapses are visited whose source fires. The gradients of weights are summed over events too; those of inputs
+are dense and come from torch's matrix product, as do the currents of sources that fire too often for events to pay.
+"""
+
+from collections.abc import Sequence
+from functools import cache
+from typing import Any, NamedTuple
+
+import torch
+from torch import Tensor
+from torch.nn import functional
+
+from neurorobo.engine.checked import CheckedWeights
+from neurorobo.engine.kernels import Drive, Events, Kernels
+from neurorobo.neurons import LIF
+
+DENSE_ABOVE = 0.7
+"""The share of sources that fire per step above which currents come from a matrix product instead of events.
+
+Where the two take the same time depends on how well torch's product suits the processor: at 0.8 on those that it suits
+best, above 1 on others.
+"""
+
+
+class Population(NamedTuple):
+    """What stays from window to window: the neuron, the index of each fan-in's sources, and the weights as checked."""
+
+    neuron: LIF
+    indices: Sequence[Tensor | None]
+    checked: CheckedWeights
+
+
+def refuse_second_derivatives() -> None:
+    """Raise a NotImplementedError on a way back whose gradients are to be differentiated once more."""
+    if torch.is_grad_enabled():
+        raise NotImplementedError("the gradients of a layer cannot be differentiated again (create_graph=True)")
+
+
+def is_native(*tensors: Tensor | None) -> bool:
+    """Return whether the kernels can read the memory of all tensors: float32 on the CPU."""
+    for tensor in tensors:  # noqa: SIM110 (each microsecond counts here)
+        if tensor is not None and not (tensor.dtype is torch.float32 and tensor.is_cpu):
+            return False
+    return True
+
+
+def run_events(
+    native: Kernels,
+    population: Population,
+    inputs: Sequence[Tensor],
+    weights: Sequence[Tensor],
+    potential: Tensor,
+    threshold: Tensor | None,
+    recurrent_weight: Tensor | None,
+    current: Tensor | None = None,
+) -> tuple[Tensor, Tensor]:
+    """Run a layer through a window and return its spikes (steps, batch, neurons) and last potential.
+
+    ``inputs`` are the spikes (steps, batch, sources) of each projection, ``weights`` its (targets, sources), or
+    (targets, fan_in) with an index; ``current`` (steps, batch, neurons), if given, is added and overwritten by the
+    potentials. All else is as in :func:`neurorobo.engine.run_window`, and all is float32 on the CPU. Raises a
+    ValueError if a spike is neither 0 nor 1 or a weight is not finite.
+    """
+    if threshold is None:
+        threshold = _number(population.neuron.threshold)
+    if torch.is_grad_enabled():
+        given = (current, potential, threshold, recurrent_weight, *inputs, *weights)
+        if any(tensor is not None and tensor.requires_grad for tensor in given):
+            spikes, last, _ = _Window.apply(native, population, *given)  # type: ignore[no-untyped-call]
+            return spikes, last
+    ran = _run(native, population, current, potential, threshold, recurrent_weight, *inputs, *weights, training=False)
+    return ran.spikes, ran.last
+
+
+class _Ran(NamedTuple):
+    """A window that was run: its results, and what the way back needs. A dense projection has no events."""
+
+    spikes: Tensor
+    last: Tensor
+    potentials: Tensor | None
+    events: Sequence[Events | None]
+    fired: Tensor | None
+
+
+def _run(
+    native: Kernels,
+    population: Population,
+    current: Tensor | None,
+    potential: Tensor,
+    threshold: Tensor,
+    recurrent_weight: Tensor | None,
+    *inputs_and_weights: Tensor,
+    training: bool,
+) -> _Ran:
+    checked, count = population.checked, len(population.indices)
+    inputs, weights = inputs_and_weights[:count], inputs_and_weights[count:]
+    steps = len(inputs[0] if current is None else current)
+    potentials = current
+    drives: list[Drive] = []
+    kept: list[Events | None] = []
+    for number, (spikes, weight, index) in enumerate(zip(inputs, weights, population.indices, strict=True)):
+        name = f"projection {number}"
+        events = native.pack_spikes(spikes)
+        if index is None and events.density > DENSE_ABOVE:
+            checked.check(name, weight)
+            product = functional.linear(spikes, weight)
+            current = product if current is None else current.add_(product)
+            kept.append(None)
+            continue
+        if index is None:
+            drives.append(Drive(events, checked.packed(name, weight, native), None))
+        else:
+            checked.check(name, weight)
+            drives.append(Drive(events, weight.contiguous(), index.contiguous()))
+        kept.append(events)
+    recurrent = None if recurrent_weight is None else checked.packed("recurrent", recurrent_weight, native)
+    last = potential.clone().contiguous()
+    spikes = last.new_empty(steps, *last.shape)
+    if potentials is None and training:
+        potentials = torch.empty_like(spikes) if current is None else current
+    fired = native.run_window(
+        drives, current, recurrent, population.neuron, threshold.contiguous(), last, spikes, potentials
+    )
+    return _Ran(spikes, last, potentials, kept, fired)
+
+
+class _Window(torch.autograd.Function):
+    """:func:`_run`, differentiable in all its tensors."""
+
+    @staticmethod
+    def forward(
+        ctx: Any,
+        native: Kernels,
+        population: Population,
+        current: Tensor | None,
+        potential: Tensor,
+        threshold: Tensor,
+        recurrent_weight: Tensor | None,
+        *inputs_and_weights: Tensor,
+    ) -> tuple[Tensor, Tensor, Tensor | None]:
+        ctx.set_materialize_grads(False)
+        if current is not None:
+            ctx.mark_dirty(current)
+        ran = _run(
+            native, population, current, potential, threshold, recurrent_weight, *inputs_and_weights, training=True
+        )
+        ctx.native, ctx.population = native, population
+        count = len(population.indices)
+        inputs, weights = inputs_and_weights[:count], inputs_and_weights[count:]
+        ctx.sources = [
+            None if events is None else (events.sources, events.ones) for events in ran.events
+        ]  # what the events are, but for their words
+        words = [spikes if events is None else events.words for spikes, events in zip(inputs, ran.events, strict=True)]
+        ctx.save_for_backward(ran.potentials, potential, threshold, recurrent_weight, ran.fired, *words, *weights)
+        return ran.spikes, ran.last, current
+
+    @staticmethod
+    def backward(
+        ctx: Any, grad_spikes: Tensor | None, grad_last: Tensor | None, _: Tensor | None
+    ) -> tuple[Tensor | None, ...]:
+        refuse_second_derivatives()
+        potentials, potential, threshold, recurrent_weight, fired, *rest = ctx.saved_tensors
+        native: Kernels = ctx.native
+        neuron, indices = ctx.population.neuron, ctx.population.indices
+        words, weights = rest[: len(indices)], rest[len(indices) :]
+        _, _, needs_current, needs_potential, needs_threshold, needs_recurrent, *needs = ctx.needs_input_grad
+        zero = potentials.new_zeros(()).expand_as(potentials)
+        grad_spikes = zero if grad_spikes is None else grad_spikes
+        grad_current = torch.empty_like(potentials)
+        grad_threshold = torch.zeros_like(potential) if needs_threshold else None
+
+        def back(
+            potentials: Tensor, grads: Tensor, last: Tensor | None, later: Tensor | None, into: Tensor, rectify: bool
+        ) -> None:
+            """Go back through some steps, of a recurrent layer one by one."""
+            if later is not None and recurrent_weight is not None:
+                grads = torch.addmm(grads[0], later, recurrent_weight).unsqueeze(0)
+            native.scan_back(neuron, threshold, potentials, grads, last, later, into, grad_threshold, rectify=rectify)
+
+        if grad_last is not None:
+            grad_last = grad_last.contiguous()
+        if recurrent_weight is None:
+            back(potentials, grad_spikes, grad_last, None, grad_current, neuron.rectify)
+        else:
+            later: Tensor | None = None
+            for t in range(len(potentials) - 1, -1, -1):
+                now = slice(t, t + 1)
+                back(potentials[now], grad_spikes[now], grad_last, later, grad_current[now], neuron.rectify)
+                grad_last, later = None, grad_current[t]
+        grad_potential = None
+        if needs_potential or needs_threshold:  # which was rectified, if at all, by the window that it came from
+            grad_potential = torch.empty_like(potentials[0])
+            before = potential.contiguous().unsqueeze(0)
+            back(before, zero[:1], None, grad_current[0], grad_potential.unsqueeze(0), False)
+        grad_recurrent = None
+        if needs_recurrent:
+            steps, batch, neurons = potentials.shape
+            events = Events(fired[:-1], neurons, steps * batch * neurons // 8)
+            grad_recurrent = native.weight_gradient(events, grad_current, None)
+        grad_inputs: list[Tensor | None] = []
+        grad_weights: list[Tensor | None] = []
+        flat = grad_current.flatten(0, 1)
+        for number, (spikes, weight, index, known) in enumerate(zip(words, weights, indices, ctx.sources, strict=True)):
+            needs_input, needs_weight = needs[number], needs[len(indices) + number]
+            grad_input = grad_weight = None
+            if needs_input:
+                matrix = weight
+                if index is not None:
+                    matrix = weight.new_zeros(len(weight), known[0]).scatter_(1, index, weight)
+                grad_input = (flat @ matrix).unflatten(0, grad_current.shape[:2])
+            if needs_weight and known is None:
+                grad_weight = flat.t() @ spikes.flatten(0, 1)
+            elif needs_weight:
+                grad_weight = native.weight_gradient(Events(spikes, *known), grad_current, index)
+            grad_inputs.append(grad_input)
+            grad_weights.append(grad_weight)
+        if grad_threshold is not None:
+            grad_threshold = grad_threshold.sum_to_size(threshold.shape)
+        return (
+            None,
+            None,
+            grad_current if needs_current else None,
+            grad_potential if needs_potential else None,
+            grad_threshold,
+            grad_recurrent,
+            *grad_inputs,
+            *grad_weights,
+        )
+
+
+@cache
+def _number(value: float) -> Tensor:
+    """Return a threshold as a tensor, which may be kept for a way back."""
+    with torch.inference_mode(False):
+        return torch.tensor(value)

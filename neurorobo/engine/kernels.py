@@ -1,0 +1,325 @@
+"""The functions of the native library, from tensors to pointers.
+
+All tensors are float32 on the CPU; where a shape is stated without strides, they are contiguous. Nothing here knows of
+gradients. Sizes are the caller's to check.
+"""
+
+import ctypes
+from collections.abc import Sequence
+from functools import cache
+from typing import NamedTuple
+
+import torch
+from torch import Tensor
+
+from neurorobo.engine.native import library
+from neurorobo.neurons import LIF
+
+_Integer = ctypes.c_int64
+_Pointer = ctypes.c_void_p
+
+SHAPES = {"rectangular": 0, "triangular": 1, "arctan": 2, "fast_sigmoid": 3}
+
+WORK_FOR_THREADS = 4_000_000
+"""Additions of one weight below which a window stays on one thread: they take about as long as starting another."""
+
+
+class _Projection(ctypes.Structure):
+    _fields_ = (
+        ("sources", _Integer),
+        ("words", _Pointer),
+        ("weights", _Pointer),
+        ("index", _Pointer),
+        ("fan_in", _Integer),
+    )
+
+
+class _Window(ctypes.Structure):
+    _fields_ = (
+        ("steps", _Integer),
+        ("batch", _Integer),
+        ("neurons", _Integer),
+        ("threads", _Integer),
+        ("current", _Pointer),
+        ("projections", _Integer),
+        ("projection", ctypes.POINTER(_Projection)),
+        ("recurrent", _Pointer),
+        ("fired", _Pointer),
+        ("threshold", _Pointer),
+        ("threshold_stride", _Integer),
+        ("decay", ctypes.c_double),
+        ("rectify", _Integer),
+        ("spikes", _Pointer),
+        ("potentials", _Pointer),
+        ("last", _Pointer),
+    )
+
+
+class _ScanBack(ctypes.Structure):
+    _fields_ = (
+        ("steps", _Integer),
+        ("batch", _Integer),
+        ("neurons", _Integer),
+        ("threads", _Integer),
+        ("potentials", _Pointer),
+        ("grad_spikes", _Pointer),
+        ("step_stride", _Integer),
+        ("batch_stride", _Integer),
+        ("grad_last", _Pointer),
+        ("later", _Pointer),
+        ("threshold", _Pointer),
+        ("threshold_stride", _Integer),
+        ("decay", ctypes.c_double),
+        ("full", _Integer),
+        ("rectify", _Integer),
+        ("shape", _Integer),
+        ("width", ctypes.c_double),
+        ("grad_current", _Pointer),
+        ("grad_threshold", _Pointer),
+    )
+
+
+class _WeightGradient(ctypes.Structure):
+    _fields_ = (
+        ("rows", _Integer),
+        ("sources", _Integer),
+        ("targets", _Integer),
+        ("threads", _Integer),
+        ("words", _Pointer),
+        ("grad_current", _Pointer),
+        ("index", _Pointer),
+        ("fan_in", _Integer),
+        ("grad_weight", _Pointer),
+    )
+
+
+class Events(NamedTuple):
+    """The spikes of a population as bits: ``words`` (steps, batch, words of 64 sources), and how many there are."""
+
+    words: Tensor
+    sources: int
+    ones: int
+
+    @property
+    def density(self) -> float:
+        """How many of all that could be there are."""
+        steps, batch, _ = self.words.shape
+        return self.ones / max(1, steps * batch * self.sources)
+
+
+class Drive(NamedTuple):
+    """One projection onto a layer: events, and weights: packed, or (targets, fan_in) with their sources' index."""
+
+    events: Events
+    weights: Tensor
+    source_index: Tensor | None
+
+
+def kernels() -> "Kernels | None":
+    """Return the native library, or None on the portable path."""
+    found = library()
+    return None if found is None else _bound(found)
+
+
+class Kernels:
+    """The native library."""
+
+    def __init__(self, library: ctypes.CDLL) -> None:
+        self._pack_spikes = library.neurorobo_pack_spikes
+        self._pack_spikes.argtypes = (_Pointer, *(_Integer,) * 5, _Pointer)
+        self._pack_weights = library.neurorobo_pack_weights
+        self._pack_weights.argtypes = (_Pointer, _Integer, _Integer, _Pointer)
+        self._packed_size = library.neurorobo_packed_size
+        self._packed_size.argtypes = (_Integer, _Integer)
+        self._run_window = library.neurorobo_run_window
+        self._scan_back = library.neurorobo_scan_back
+        self._weight_gradient = library.neurorobo_weight_gradient
+        for function in (self._pack_spikes, self._pack_weights, self._packed_size, self._run_window):
+            function.restype = _Integer
+        self._weight_gradient.restype = _Integer
+        self._scan_back.restype = None
+
+    def pack_spikes(self, spikes: Tensor) -> Events:
+        """Turn spikes (steps, batch, sources), any strides, into events; a ValueError if any is neither 0 nor 1."""
+        steps, batch, sources = spikes.shape
+        if sources > 1 and spikes.stride(2) != 1:
+            spikes = spikes.contiguous()
+        words = torch.empty(steps, batch, (sources + 63) // 64, dtype=torch.int64)
+        step_stride, batch_stride, _ = spikes.stride()
+        count: int = self._pack_spikes(
+            spikes.data_ptr(), steps, batch, sources, step_stride, batch_stride, words.data_ptr()
+        )
+        if count < 0:
+            step, rest = divmod(-1 - count, batch * sources)
+            element, source = divmod(rest, sources)
+            raise ValueError(not_a_spike(spikes, step, element, source))
+        return Events(words, sources, count)
+
+    def pack_weights(self, weight: Tensor, packed: Tensor | None = None) -> Tensor:
+        """Pack weights (targets, sources), into ``packed`` if it fits; a ValueError if any is not a finite number."""
+        targets, sources = weight.shape
+        weight = weight.contiguous()
+        size = self._packed_size(targets, sources)
+        if packed is None or len(packed) != size:
+            packed = torch.empty(size)
+        broken = self._pack_weights(weight.data_ptr(), targets, sources, packed.data_ptr())
+        if broken >= 0:
+            raise ValueError(not_finite(weight, list(divmod(broken, sources))))
+        return packed
+
+    def run_window(
+        self,
+        drives: Sequence[Drive],
+        current: Tensor | None,
+        recurrent: Tensor | None,
+        neuron: LIF,
+        threshold: Tensor,
+        last: Tensor,
+        spikes: Tensor,
+        potentials: Tensor | None,
+    ) -> Tensor | None:
+        """Run a layer through a window, writing ``spikes`` and, if given, ``potentials`` (steps, batch, neurons).
+
+        ``last`` (batch, neurons) is the potential before and becomes that after. ``current`` (steps, batch, neurons)
+        is what the drives add to. ``recurrent`` is packed. ``threshold`` is one number or (neurons). Returns, of a
+        recurrent layer, the words (steps + 1, batch, words) of its spikes, those before the window first.
+        """
+        steps, batch, neurons = spikes.shape
+        fired = None
+        work = sum(drive.events.ones for drive in drives) * neurons
+        if recurrent is not None:
+            fired = torch.empty(steps + 1, batch, (neurons + 63) // 64, dtype=torch.int64)
+            work += spikes.numel() * neurons // 8
+        projections = (_Projection * len(drives))(
+            *(
+                _Projection(
+                    drive.events.sources,
+                    drive.events.words.data_ptr(),
+                    drive.weights.data_ptr(),
+                    None if drive.source_index is None else drive.source_index.data_ptr(),
+                    0 if drive.source_index is None else drive.source_index.shape[1],
+                )
+                for drive in drives
+            )
+        )
+        failed = self._run_window(
+            ctypes.byref(
+                _Window(
+                    steps,
+                    batch,
+                    neurons,
+                    _threads(work),
+                    _address(current),
+                    len(drives),
+                    projections,
+                    _address(recurrent),
+                    _address(fired),
+                    threshold.data_ptr(),
+                    int(threshold.numel() > 1),
+                    neuron.decay,
+                    neuron.rectify,
+                    spikes.data_ptr(),
+                    _address(potentials),
+                    last.data_ptr(),
+                )
+            )
+        )
+        if failed == 1:
+            raise MemoryError(f"no memory for a window of {steps} steps of {batch} x {neurons} neurons")
+        if failed:
+            raise ValueError(f"a layer has at most 64 projections, not {len(drives)}")
+        return fired
+
+    def scan_back(
+        self,
+        neuron: LIF,
+        threshold: Tensor,
+        potentials: Tensor,
+        grad_spikes: Tensor,
+        grad_last: Tensor | None,
+        later: Tensor | None,
+        grad_current: Tensor,
+        grad_threshold: Tensor | None,
+        *,
+        rectify: bool,
+    ) -> None:
+        """Write ``grad_current`` (steps, batch, neurons) from the gradients of the spikes, of any strides.
+
+        ``grad_last`` (batch, neurons) is that of the last potential; ``later`` that of the current one step after.
+        What each batch element gives to the thresholds is added to ``grad_threshold`` (batch, neurons).
+        """
+        steps, batch, neurons = potentials.shape
+        if neurons > 1 and grad_spikes.stride(2) != 1:
+            grad_spikes = grad_spikes.contiguous()
+        step_stride, batch_stride, _ = grad_spikes.stride()
+        self._scan_back(
+            ctypes.byref(
+                _ScanBack(
+                    steps,
+                    batch,
+                    neurons,
+                    _threads(4 * potentials.numel()),
+                    potentials.data_ptr(),
+                    grad_spikes.data_ptr(),
+                    step_stride,
+                    batch_stride,
+                    _address(grad_last),
+                    _address(later),
+                    threshold.data_ptr(),
+                    int(threshold.numel() > 1),
+                    neuron.decay,
+                    neuron.reset_gradient == "full",
+                    rectify,
+                    SHAPES[neuron.surrogate.shape],
+                    neuron.surrogate.width,
+                    grad_current.data_ptr(),
+                    _address(grad_threshold),
+                )
+            )
+        )
+
+    def weight_gradient(self, events: Events, grad_current: Tensor, index: Tensor | None) -> Tensor:
+        """Return the gradient of weights (targets, sources), or (targets, fan_in) of those that ``index`` names."""
+        steps, batch, targets = grad_current.shape
+        fan_in = events.sources if index is None else index.shape[1]
+        gradient = torch.empty(targets, fan_in)
+        failed = self._weight_gradient(
+            ctypes.byref(
+                _WeightGradient(
+                    steps * batch,
+                    events.sources,
+                    targets,
+                    _threads(events.ones * targets if index is None else grad_current.numel() * fan_in),
+                    events.words.data_ptr(),
+                    grad_current.data_ptr(),
+                    _address(index),
+                    fan_in,
+                    gradient.data_ptr(),
+                )
+            )
+        )
+        if failed:
+            raise MemoryError(f"no memory for the gradient of {targets} x {events.sources} weights")
+        return gradient
+
+
+def not_a_spike(spikes: Tensor, step: int, element: int, source: int) -> str:
+    """Say which of the spikes (steps, batch, sources) is none."""
+    value = spikes[step, element, source].item()
+    return f"spikes are 0 or 1, got {value:g} from source {source} (step {step}, batch element {element})"
+
+
+def not_finite(weight: Tensor, place: list[int]) -> str:
+    """Say which of the weights is not finite."""
+    return f"weights are finite numbers, got {weight[tuple(place)].item()} at {place}"
+
+
+_bound = cache(Kernels)
+
+
+def _threads(work: int) -> int:
+    return torch.get_num_threads() if work >= WORK_FOR_THREADS else 1
+
+
+def _address(tensor: Tensor | None) -> int | None:
+    return None if tensor is None else tensor.data_ptr()

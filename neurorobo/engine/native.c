@@ -1,0 +1,621 @@
+/* The kernels of the engine's fast path: windows of spiking layers, driven by their events.
+ *
+ * Plain C without headers of Python or torch; `kernels.py` calls it, and checks all arguments before. The file is built
+ * once for each instruction set; the tile is the only thing that differs. Every sum has one order, whatever the
+ * instruction set, the number of threads, the batch and the division of a window: sources ascend. Products and sums
+ * are rounded apart (-ffp-contract=off), so that all builds give the same bits.
+ *
+ * Spikes come as bits: a row of 64-bit words for each step and batch element, source s in bit s % 64 of word s / 64.
+ * A layer's currents are then sums of those rows of its weights that the bits select. Weights are packed in tiles of
+ * neighbouring targets, (tile, sources, targets of the tile), so that a row of a tile fits into registers. A weight
+ * gradient is the same sum with the roles exchanged: rows of current gradients, selected by the bits of one source.
+ */
+
+#include <pthread.h>
+#include <stdatomic.h>
+#include <stdint.h>
+#include <stdlib.h>
+#include <string.h>
+
+#if defined(__AVX512F__)
+#define VECTOR_BYTES 64
+#elif defined(__AVX2__)
+#define VECTOR_BYTES 32
+#else
+#define VECTOR_BYTES 16
+#endif
+
+enum {
+    LANES = VECTOR_BYTES / 4,
+    VECTORS = 8, /* the accumulators of one row of a tile; they stay in registers */
+    TILE = VECTORS * LANES,
+    WORD = 64,       /* sources in one word */
+    LINE = 16,       /* floats in one line of the cache */
+    ROWS = 64,       /* rows (steps x batch elements) of a block; its sums stay in the cache nearest to the processor */
+    COLUMNS = 256,   /* neurons that a scan takes at once on the way back */
+    RECURRENT = 16,  /* batch elements that step together through a recurrent layer */
+    MOST_THREADS = 256
+};
+
+typedef float vector __attribute__((vector_size(VECTOR_BYTES), aligned(4), may_alias));
+
+#define INLINE static inline __attribute__((always_inline))
+
+static int64_t least(int64_t a, int64_t b) { return a < b ? a : b; }
+static int64_t pieces(int64_t whole, int64_t piece) { return (whole + piece - 1) / piece; }
+
+/* ---- Work shared among threads: items are independent, so that it does not matter who does which. ---- */
+
+typedef void work(const void *arguments, int64_t item, int64_t worker);
+
+typedef struct {
+    work *run;
+    const void *arguments;
+    int64_t items;
+    atomic_llong next;
+} queue;
+
+typedef struct {
+    queue *queue;
+    int64_t number;
+} worker;
+
+static void *serve(void *argument) {
+    worker *self = argument;
+    queue *queue = self->queue;
+    for (int64_t item; (item = atomic_fetch_add(&queue->next, 1)) < queue->items;)
+        queue->run(queue->arguments, item, self->number);
+    return NULL;
+}
+
+static int64_t workers(int64_t threads, int64_t items) {
+    return threads < 1 ? 1 : least(least(threads, MOST_THREADS), items < 1 ? 1 : items);
+}
+
+/* Threads live as long as the call: waiting costs no processor time, and a thread that cannot start is not missed. */
+static void share(work *run, const void *arguments, int64_t items, int64_t threads) {
+    queue queue = {run, arguments, items, 0};
+    worker crew[MOST_THREADS];
+    pthread_t started[MOST_THREADS];
+    int64_t count = 1, wanted = workers(threads, items);
+    crew[0] = (worker){&queue, 0};
+    for (; count < wanted; count++) {
+        crew[count] = (worker){&queue, count};
+        if (pthread_create(&started[count], NULL, serve, &crew[count]) != 0) break;
+    }
+    serve(&crew[0]);
+    for (int64_t i = 1; i < count; i++) pthread_join(started[i], NULL);
+}
+
+/* ---- Bits ---- */
+
+/* Pack one row of 0/1 into words; returns the number of ones, or -1 if there is any other value. */
+static int64_t pack_row(const float *row, int64_t length, uint64_t *words) {
+    int64_t events = 0;
+    int bad = 0;
+    for (int64_t first = 0; first < length; first += WORD) {
+        uint64_t word = 0;
+        int64_t count = least(WORD, length - first);
+        const float *piece = row + first;
+        float padded[WORD];
+        if (count < WORD) {
+            memset(padded, 0, sizeof padded);
+            memcpy(padded, piece, (size_t)count * sizeof(float));
+            piece = padded;
+        }
+        /* Eight neighbours at a time: their bits gather in the bytes of one word. */
+        for (int part = 0; part < WORD / 8; part++) {
+            uint32_t bits = 0;
+            for (int i = 0; i < 8; i++) {
+                float value = piece[8 * part + i];
+                bits |= (uint32_t)(value == 1.0f) << i;
+                bad |= (value != 1.0f) & (value != 0.0f);
+            }
+            word |= (uint64_t)bits << (8 * part);
+        }
+        *words++ = word;
+        events += __builtin_popcountll(word);
+    }
+    return bad ? -1 : events;
+}
+
+/* Pack spikes (steps, batch, sources), whose first two strides are given, into words (steps, batch, words).
+ * Returns the number of ones, or -1 - the position (step * batch + element) * sources + source of the first value
+ * that is neither 0 nor 1. */
+int64_t neurorobo_pack_spikes(const float *spikes, int64_t steps, int64_t batch, int64_t sources, int64_t step_stride,
+                              int64_t batch_stride, uint64_t *words) {
+    int64_t events = 0, row_words = pieces(sources, WORD);
+    for (int64_t t = 0; t < steps; t++)
+        for (int64_t b = 0; b < batch; b++) {
+            const float *row = spikes + t * step_stride + b * batch_stride;
+            int64_t ones = pack_row(row, sources, words);
+            if (ones < 0)
+                for (int64_t s = 0; s < sources; s++)
+                    if (row[s] != 0.0f && row[s] != 1.0f) return -1 - ((t * batch + b) * sources + s);
+            events += ones;
+            words += row_words;
+        }
+    return events;
+}
+
+/* Mirror a square of 64 x 64 bits, row i in square[i], by exchanging its quarters, their quarters and so on. */
+static void mirror(uint64_t square[WORD]) {
+    uint64_t right = 0xffffffff00000000u; /* the columns whose number has the bit `half` */
+    for (int half = WORD / 2; half; half /= 2, right ^= right >> half)
+        for (int i = 0; i < WORD; i++)
+            if (!(i & half)) {
+                uint64_t moved = ((square[i] & right) >> half) ^ (square[i + half] & ~right);
+                square[i] ^= moved << half;
+                square[i + half] ^= moved;
+            }
+}
+
+/* ---- Weights ---- */
+
+/* Pack weights (targets, sources) into tiles. Returns -1, or the position of the first that is not finite. */
+int64_t neurorobo_pack_weights(const float *weights, int64_t targets, int64_t sources, float *packed) {
+    int bad = 0;
+    for (int64_t first = 0; first < targets; first += TILE) {
+        int64_t count = least(TILE, targets - first), width = pieces(count, LANES) * LANES;
+        for (int64_t n = 0; n < width; n += 16)
+            for (int64_t s0 = 0; s0 < sources; s0 += 16)
+                for (int64_t s = s0; s < least(s0 + 16, sources); s++)
+                    for (int64_t i = n; i < least(n + 16, width); i++) {
+                        float weight = i < count ? weights[(first + i) * sources + s] : 0.0f;
+                        packed[s * width + i] = weight;
+                        bad |= weight - weight != 0;
+                    }
+        packed += sources * width;
+    }
+    if (bad)
+        for (int64_t i = 0; i < targets * sources; i++)
+            if (weights[i] - weights[i] != 0) return i;
+    return -1;
+}
+
+/* Return how many floats packed weights take. */
+int64_t neurorobo_packed_size(int64_t targets, int64_t sources) { return pieces(targets, LANES) * LANES * sources; }
+
+/* Add to sums those rows of a tile that the words select. */
+INLINE void add_rows(float *sums, const uint64_t *words, int64_t row_words, const float *tile, const int vectors) {
+    vector total[VECTORS];
+    for (int v = 0; v < vectors; v++) total[v] = ((const vector *)sums)[v];
+    for (int64_t w = 0; w < row_words; w++, tile += WORD * vectors * LANES)
+        for (uint64_t word = words[w]; word; word &= word - 1) {
+            const vector *row = (const vector *)(tile + __builtin_ctzll(word) * vectors * LANES);
+            for (int v = 0; v < vectors; v++) total[v] += row[v];
+        }
+    for (int v = 0; v < vectors; v++) ((vector *)sums)[v] = total[v];
+}
+
+/* Word by word, so that 64 rows of the tile serve all rows of sums while they are near; a single row in one go. */
+INLINE void add_events_of(float *sums, int64_t stride, int64_t rows, const uint64_t *const *words, int64_t row_words,
+                          const float *tile, int cold, const int vectors) {
+    int64_t at_once = rows == 1 ? row_words : 1, size = WORD * vectors * LANES;
+    int64_t lines = cold && rows > 1 ? pieces(size, rows * LINE) : 0; /* of the next word, to fetch with each row */
+    for (int64_t w = 0; w < row_words; w += at_once)
+        for (int64_t r = 0; r < rows; r++) {
+            const float *next = tile + (w + 1) * size + r * lines * LINE;
+            for (int64_t i = 0; i < lines && w + 1 < row_words; i++) __builtin_prefetch(next + i * LINE);
+            add_rows(sums + r * stride, words[r] + w, at_once, tile + w * size, vectors);
+        }
+}
+
+/* For each row r: add to the sums at r * stride those rows of a tile of so many vectors that words[r] selects.
+ * Cold is a tile that is read for the first time: events touch its rows in no order that a processor could foresee. */
+static void add_events(float *sums, int64_t stride, int64_t rows, const uint64_t *const *words, int64_t row_words,
+                       const float *tile, int cold, int64_t vectors) {
+    switch (vectors) {
+    case 1: add_events_of(sums, stride, rows, words, row_words, tile, cold, 1); break;
+    case 2: add_events_of(sums, stride, rows, words, row_words, tile, cold, 2); break;
+    case 3: add_events_of(sums, stride, rows, words, row_words, tile, cold, 3); break;
+    case 4: add_events_of(sums, stride, rows, words, row_words, tile, cold, 4); break;
+    case 5: add_events_of(sums, stride, rows, words, row_words, tile, cold, 5); break;
+    case 6: add_events_of(sums, stride, rows, words, row_words, tile, cold, 6); break;
+    case 7: add_events_of(sums, stride, rows, words, row_words, tile, cold, 7); break;
+    default: add_events_of(sums, stride, rows, words, row_words, tile, cold, 8); break;
+    }
+}
+
+/* ---- One window of a layer ---- */
+
+typedef struct {
+    int64_t sources;
+    const uint64_t *words; /* (steps, batch, words) */
+    const float *weights;  /* packed; or (targets, fan_in) */
+    const int64_t *index;  /* the sources (targets, fan_in); NULL if all */
+    int64_t fan_in;
+} projection;
+
+typedef struct {
+    int64_t steps, batch, neurons, threads;
+    const float *current; /* (steps, batch, neurons) that the projections add to, or NULL */
+    int64_t projections;
+    const projection *projection;
+    const float *recurrent;   /* packed, or NULL */
+    uint64_t *fired;          /* (steps + 1, batch, words) of a recurrent layer; the first row is of before the window */
+    const float *threshold;   /* one, or one per neuron */
+    int64_t threshold_stride; /* 0 or 1 */
+    double decay;
+    int64_t rectify;
+    float *spikes;     /* (steps, batch, neurons) */
+    float *potentials; /* (steps, batch, neurons), or NULL; may be the current */
+    float *last;       /* (batch, neurons): the potential before, then after */
+} window;
+
+typedef struct {
+    const window *window;
+    float *expanded; /* for each worker, room for the spikes of a fan-in's sources: (sources, ROWS) */
+    int64_t room;
+    int64_t group, chunk; /* batch elements and steps of a block */
+    int64_t tiles;        /* tiles of one item: 1, or all */
+} division;
+
+typedef struct {
+    int64_t step, steps, element, elements; /* a block's rows: steps x batch elements */
+} block;
+
+static int64_t row_of(const window *w, const block *k, int64_t r) {
+    return (k->step + r / k->elements) * w->batch + k->element + r % k->elements;
+}
+
+/* Write the spikes of a fan-in's sources as floats (sources, ROWS). */
+static void expand(const uint64_t *const *words, int64_t rows, int64_t sources, float *expanded) {
+    for (int64_t s = 0; s < sources; s++) {
+        float *lane = expanded + s * ROWS;
+        for (int64_t r = 0; r < rows; r++) lane[r] = (float)(words[r][s / WORD] >> (s % WORD) & 1);
+        for (int64_t r = rows; r < ROWS; r++) lane[r] = 0;
+    }
+}
+
+/* Add the currents of a fan-in to the sums of some of its targets: first all rows of 16 targets, then across. */
+static void add_fan_in(float *sums, int64_t rows, const projection *p, const float *expanded, int64_t first,
+                       int64_t count) {
+    vector totals[16][ROWS / LANES];
+    for (int64_t i = 0; i < count; i += 16) {
+        int64_t some = least(16, count - i);
+        for (int64_t n = 0; n < some; n++) {
+            vector total[ROWS / LANES] = {{0}};
+            for (int64_t j = 0; j < p->fan_in; j++) {
+                int64_t synapse = (first + i + n) * p->fan_in + j;
+                float weight = p->weights[synapse];
+                const vector *lanes = (const vector *)(expanded + p->index[synapse] * ROWS);
+                for (int v = 0; v < ROWS / LANES; v++) total[v] += weight * lanes[v];
+            }
+            for (int v = 0; v < ROWS / LANES; v++) totals[n][v] = total[v];
+        }
+        for (int64_t r = 0; r < rows; r++)
+            for (int64_t n = 0; n < some; n++) sums[r * TILE + i + n] += ((const float *)totals[n])[r];
+    }
+}
+
+/* Step the neurons of a tile through a block's rows of currents. */
+INLINE void scan_of(const window *w, const block *k, const float *sums, const float *threshold, int64_t first,
+                    int64_t count, const int rectify) {
+    float decay = (float)w->decay;
+    for (int64_t g = 0; g < k->elements; g++) {
+        float *restrict before = w->last + (k->element + g) * w->neurons + first;
+        for (int64_t c = 0; c < k->steps; c++) {
+            const float *restrict current = sums + (c * k->elements + g) * TILE;
+            int64_t at = ((k->step + c) * w->batch + k->element + g) * w->neurons + first;
+            float *restrict spikes = w->spikes + at;
+            for (int64_t i = 0; i < count; i++) {
+                float carried = decay * before[i];
+                float now = current[i] + (before[i] < threshold[i] ? carried : 0.0f);
+                if (rectify) now = now < 0.0f ? 0.0f : now;
+                spikes[i] = now >= threshold[i] ? 1.0f : 0.0f;
+                before[i] = now;
+            }
+            if (w->potentials) memcpy(w->potentials + at, before, (size_t)count * sizeof(float));
+        }
+    }
+}
+
+/* Run the neurons of one tile through one block. */
+static void run_block(const window *w, const block *k, int64_t tile, const float *const *expanded) {
+    float sums[ROWS * TILE], threshold[TILE];
+    const uint64_t *words[ROWS];
+    int64_t rows = k->steps * k->elements, first = tile * TILE, count = least(TILE, w->neurons - first);
+    int64_t vectors = pieces(count, LANES), row_words;
+    int cold = k->step == 0 && k->element == 0;
+    for (int64_t r = 0; r < rows; r++) {
+        float *sum = sums + r * TILE;
+        if (w->current) memcpy(sum, w->current + row_of(w, k, r) * w->neurons + first, (size_t)count * sizeof(float));
+        int64_t given = w->current ? count : 0;
+        memset(sum + given, 0, (size_t)(vectors * LANES - given) * sizeof(float));
+    }
+    for (int64_t p = 0; p < w->projections; p++) {
+        const projection *from = &w->projection[p];
+        if (from->index) {
+            add_fan_in(sums, rows, from, expanded[p], first, count);
+            continue;
+        }
+        row_words = pieces(from->sources, WORD);
+        for (int64_t r = 0; r < rows; r++) words[r] = from->words + row_of(w, k, r) * row_words;
+        add_events(sums, TILE, rows, words, row_words, from->weights + from->sources * first, cold, vectors);
+    }
+    if (w->recurrent) { /* row t of `fired` is of the step before */
+        row_words = pieces(w->neurons, WORD);
+        for (int64_t r = 0; r < rows; r++) words[r] = w->fired + row_of(w, k, r) * row_words;
+        add_events(sums, TILE, rows, words, row_words, w->recurrent + w->neurons * first, cold, vectors);
+    }
+    if (w->threshold_stride)
+        memcpy(threshold, w->threshold + first, (size_t)count * sizeof(float));
+    else
+        for (int64_t i = 0; i < count; i++) threshold[i] = *w->threshold;
+    if (w->rectify)
+        scan_of(w, k, sums, threshold, first, count, 1);
+    else
+        scan_of(w, k, sums, threshold, first, count, 0);
+}
+
+enum { MOST_PROJECTIONS = 64 };
+
+static void run_item(const void *arguments, int64_t item, int64_t worker) {
+    const division *d = arguments;
+    const window *w = d->window;
+    int64_t all = pieces(w->neurons, TILE), groups = pieces(w->batch, d->group);
+    int64_t first_tile = d->tiles == all ? 0 : item / groups, row_words = pieces(w->neurons, WORD);
+    block k = {.element = item % groups * d->group};
+    k.elements = least(d->group, w->batch - k.element);
+    const float *expanded[MOST_PROJECTIONS];
+    for (k.step = 0; k.step < w->steps; k.step += d->chunk) {
+        k.steps = least(d->chunk, w->steps - k.step);
+        float *room = d->expanded + worker * d->room;
+        for (int64_t p = 0; p < w->projections; p++) {
+            const projection *from = &w->projection[p];
+            if (!from->index) continue;
+            const uint64_t *words[ROWS];
+            for (int64_t r = 0; r < k.steps * k.elements; r++)
+                words[r] = from->words + row_of(w, &k, r) * pieces(from->sources, WORD);
+            expand(words, k.steps * k.elements, from->sources, room);
+            expanded[p] = room;
+            room += from->sources * ROWS;
+        }
+        for (int64_t tile = first_tile; tile < first_tile + d->tiles; tile++) run_block(w, &k, tile, expanded);
+        if (w->recurrent)
+            for (int64_t g = 0; g < k.elements; g++) {
+                int64_t row = k.step * w->batch + k.element + g;
+                pack_row(w->spikes + row * w->neurons, w->neurons, w->fired + (row + w->batch) * row_words);
+            }
+    }
+}
+
+/* Run a layer through a window. Returns 0, 1 if there is no memory, or 2 if there are more than 64 projections. */
+int64_t neurorobo_run_window(const window *w) {
+    if (w->projections > MOST_PROJECTIONS) return 2;
+    division d = {.window = w, .tiles = 1};
+    for (int64_t p = 0; p < w->projections; p++)
+        if (w->projection[p].index) d.room += w->projection[p].sources * ROWS;
+    int64_t all = pieces(w->neurons, TILE), row_words = pieces(w->neurons, WORD);
+    if (w->recurrent || d.room) d.tiles = all; /* else a tile's weights stay in the cache from block to block */
+    d.chunk = w->recurrent ? 1 : least(w->steps, ROWS);
+    d.group = w->recurrent ? RECURRENT : ROWS / d.chunk;
+    if (w->recurrent)
+        for (int64_t b = 0; b < w->batch; b++)
+            for (int64_t n = 0; n < w->neurons; n++) {
+                uint64_t *word = w->fired + b * row_words + n / WORD;
+                if (n % WORD == 0) *word = 0;
+                uint64_t fires = w->last[b * w->neurons + n] >= w->threshold[n * w->threshold_stride];
+                *word |= fires << (n % WORD);
+            }
+    int64_t items = pieces(w->batch, d.group) * (d.tiles == all ? 1 : all);
+    if (d.room) {
+        d.expanded = malloc((size_t)(workers(w->threads, items) * d.room) * sizeof(float));
+        if (!d.expanded) return 1;
+    }
+    share(run_item, &d, items, w->threads);
+    free(d.expanded);
+    return 0;
+}
+
+/* ---- The scan on the way back ---- */
+
+enum shape { RECTANGULAR, TRIANGULAR, ARCTAN, FAST_SIGMOID };
+
+typedef struct {
+    int64_t steps, batch, neurons, threads;
+    const float *potentials;   /* (steps, batch, neurons) */
+    const float *grad_spikes;  /* (steps, batch, neurons), with these strides */
+    int64_t step_stride, batch_stride;
+    const float *grad_last;    /* (batch, neurons) of the last step's potential, or NULL */
+    const float *later;        /* (batch, neurons): the gradient of the current after the last step, or NULL */
+    const float *threshold;
+    int64_t threshold_stride;
+    double decay;
+    int64_t full;    /* whether the gradient flows through the reset */
+    int64_t rectify; /* whether the potentials were rectified */
+    int64_t shape;
+    double width; /* of the surrogate */
+    float *grad_current;   /* (steps, batch, neurons) */
+    float *grad_threshold; /* (batch, neurons) that is added to, or NULL */
+} scan_back;
+
+INLINE float derivative(float distance, float width, const enum shape shape) {
+    float away = distance < 0 ? -distance : distance, half = width / 2;
+    if (shape == RECTANGULAR) return (away < half ? 1.0f : 0.0f) / width;
+    if (shape == TRIANGULAR) {
+        float height = 1.0f - away / width;
+        return (height < 0 ? 0.0f : height) / width;
+    }
+    if (shape == ARCTAN) {
+        float scaled = distance / half;
+        return 1.0f / (scaled * scaled + 1.0f) * (float)(1 / (3.14159265358979323846 * (double)half));
+    }
+    float scale = 0.41421356237309504880f / half; /* sqrt(2) - 1 */
+    float below = away * scale + 1.0f;
+    return 1.0f / (below * below) * (scale / 2);
+}
+
+INLINE void scan_back_of(const scan_back *k, int64_t b, int64_t first, int64_t count, const enum shape shape) {
+    float later[COLUMNS], threshold[COLUMNS], grad_threshold[COLUMNS] = {0};
+    float decay = (float)k->decay, through_reset = k->full ? -decay : 0.0f, width = (float)k->width;
+    int64_t size = k->batch * k->neurons, column = b * k->neurons + first;
+    for (int64_t i = 0; i < count; i++) threshold[i] = k->threshold[(first + i) * k->threshold_stride];
+    for (int64_t i = 0; i < count; i++) later[i] = k->later ? k->later[column + i] : 0.0f;
+    for (int64_t t = k->steps - 1; t >= 0; t--) {
+        const float *restrict potential = k->potentials + t * size + column;
+        const float *restrict grad_spikes = k->grad_spikes + t * k->step_stride + b * k->batch_stride + first;
+        const float *restrict grad_last = k->grad_last && t == k->steps - 1 ? k->grad_last + column : NULL;
+        float *restrict grad_current = k->grad_current + t * size + column;
+        for (int64_t i = 0; i < count; i++) {
+            float u = potential[i], through = decay * later[i];
+            float grad = derivative(u - threshold[i], width, shape) * (grad_spikes[i] + through_reset * u * later[i]);
+            grad_threshold[i] -= grad;
+            later[i] = grad + (u < threshold[i] ? through : 0.0f);
+        }
+        if (grad_last)
+            for (int64_t i = 0; i < count; i++) later[i] += grad_last[i];
+        if (k->rectify)
+            for (int64_t i = 0; i < count; i++) later[i] = potential[i] > 0 ? later[i] : 0.0f;
+        memcpy(grad_current, later, (size_t)count * sizeof(float));
+    }
+    if (k->grad_threshold)
+        for (int64_t i = 0; i < count; i++) k->grad_threshold[column + i] += grad_threshold[i];
+}
+
+static void scan_back_item(const void *arguments, int64_t item, int64_t worker) {
+    const scan_back *k = arguments;
+    int64_t parts = pieces(k->neurons, COLUMNS), first = item % parts * COLUMNS, b = item / parts;
+    int64_t count = least(COLUMNS, k->neurons - first);
+    (void)worker;
+    switch (k->shape) {
+    case RECTANGULAR: scan_back_of(k, b, first, count, RECTANGULAR); break;
+    case TRIANGULAR: scan_back_of(k, b, first, count, TRIANGULAR); break;
+    case ARCTAN: scan_back_of(k, b, first, count, ARCTAN); break;
+    default: scan_back_of(k, b, first, count, FAST_SIGMOID); break;
+    }
+}
+
+/* Write the gradient of the currents of a window, or of some steps of it. */
+void neurorobo_scan_back(const scan_back *k) {
+    share(scan_back_item, k, k->batch * pieces(k->neurons, COLUMNS), k->threads);
+}
+
+/* ---- Weight gradients ---- */
+
+typedef struct {
+    int64_t rows, sources, targets, threads;
+    const uint64_t *words;     /* (rows, words); a row is a step of a batch element */
+    const float *grad_current; /* (rows, targets) */
+    const int64_t *index;      /* the sources (targets, fan_in); NULL if all */
+    int64_t fan_in;
+    float *grad_weight; /* (targets, sources), or (targets, fan_in) */
+} weight_gradient;
+
+typedef struct {
+    const weight_gradient *of;
+    const uint64_t *by_source; /* (blocks of rows, sources padded to words): row r of the block in bit r % 64 */
+    float *room;               /* for each worker */
+    int64_t room_each;
+} gradient_work;
+
+/* Turn the words of rows into words of sources. */
+static void words_by_source(const weight_gradient *k, uint64_t *by_source) {
+    int64_t row_words = pieces(k->sources, WORD);
+    for (int64_t first = 0; first < k->rows; first += ROWS)
+        for (int64_t w = 0; w < row_words; w++, by_source += WORD) {
+            int64_t count = least(ROWS, k->rows - first);
+            for (int64_t r = 0; r < ROWS; r++) by_source[r] = r < count ? k->words[(first + r) * row_words + w] : 0;
+            mirror(by_source);
+        }
+}
+
+/* The gradient of one tile of targets: for each source, the sum of the rows in which it fired. */
+static void dense_gradient_item(const void *arguments, int64_t tile, int64_t worker) {
+    const gradient_work *d = arguments;
+    const weight_gradient *k = d->of;
+    float rows[ROWS * TILE], *sums = d->room + worker * d->room_each;
+    int64_t first = tile * TILE, count = least(TILE, k->targets - first), vectors = pieces(count, LANES);
+    int64_t width = vectors * LANES, padded = pieces(k->sources, WORD) * WORD;
+    memset(sums, 0, (size_t)(k->sources * width) * sizeof(float));
+    memset(rows, 0, sizeof rows);
+    const uint64_t *by_source = d->by_source;
+    for (int64_t block = 0; block < k->rows; block += ROWS, by_source += padded) {
+        for (int64_t r = 0; r < least(ROWS, k->rows - block); r++)
+            memcpy(rows + r * width, k->grad_current + (block + r) * k->targets + first, (size_t)count * sizeof(float));
+        for (int64_t s = 0; s < k->sources; s += WORD) {
+            const uint64_t *words[WORD];
+            int64_t those = least(WORD, k->sources - s);
+            for (int64_t i = 0; i < those; i++) words[i] = by_source + s + i;
+            add_events(sums + s * width, width, those, words, 1, rows, 0, vectors);
+        }
+    }
+    for (int64_t s0 = 0; s0 < k->sources; s0 += 16)
+        for (int64_t i = 0; i < count; i++)
+            for (int64_t s = s0; s < least(s0 + 16, k->sources); s++)
+                k->grad_weight[(first + i) * k->sources + s] = sums[s * width + i];
+}
+
+enum { FAN_IN_TARGETS = 1024 };
+
+/* The gradient of some targets of a fan-in: for each synapse, the sum of the target's gradients where its source fired. */
+static void fan_in_gradient_item(const void *arguments, int64_t item, int64_t worker) {
+    const gradient_work *d = arguments;
+    const weight_gradient *k = d->of;
+    float *expanded = d->room + worker * d->room_each;
+    int64_t row_words = pieces(k->sources, WORD), end = least((item + 1) * FAN_IN_TARGETS, k->targets);
+    for (int64_t i = item * FAN_IN_TARGETS * k->fan_in; i < end * k->fan_in; i++) k->grad_weight[i] = 0;
+    for (int64_t block = 0; block < k->rows; block += ROWS) {
+        const uint64_t *words[ROWS];
+        int64_t rows = least(ROWS, k->rows - block);
+        for (int64_t r = 0; r < rows; r++) words[r] = k->words + (block + r) * row_words;
+        expand(words, rows, k->sources, expanded);
+        for (int64_t first = item * FAN_IN_TARGETS; first < end; first += 16) {
+            float grads[16][ROWS] = {{0}};
+            int64_t count = least(16, end - first);
+            for (int64_t r = 0; r < rows; r++)
+                for (int64_t i = 0; i < count; i++)
+                    grads[i][r] = k->grad_current[(block + r) * k->targets + first + i];
+            for (int64_t synapse = first * k->fan_in; synapse < (first + count) * k->fan_in; synapse++) {
+                const float *grad = grads[synapse / k->fan_in - first], *lane = expanded + k->index[synapse] * ROWS;
+                float sums[16] = {0}; /* as many, and added up in this order, with all instruction sets */
+                for (int r = 0; r < ROWS; r += 16)
+                    for (int i = 0; i < 16; i++) sums[i] += grad[r + i] * lane[r + i];
+                for (int half = 8; half; half /= 2)
+                    for (int i = 0; i < half; i++) sums[i] += sums[i + half];
+                k->grad_weight[synapse] += sums[0];
+            }
+        }
+    }
+}
+
+/* Write the gradient of the weights. Returns 0, or 1 if there is no memory. */
+int64_t neurorobo_weight_gradient(const weight_gradient *k) {
+    int64_t items = k->index ? pieces(k->targets, FAN_IN_TARGETS) : pieces(k->targets, TILE);
+    int64_t count = workers(k->threads, items);
+    gradient_work d = {.of = k, .room_each = k->sources * (k->index ? (int64_t)ROWS : (int64_t)TILE)};
+    d.room = malloc((size_t)(count * d.room_each) * sizeof(float) + 1);
+    uint64_t *by_source = NULL;
+    if (!k->index) {
+        by_source = malloc((size_t)(pieces(k->rows, ROWS) * pieces(k->sources, WORD) * WORD) * sizeof(uint64_t) + 1);
+        if (by_source) words_by_source(k, by_source);
+        d.by_source = by_source;
+    }
+    int64_t failed = !d.room || (!k->index && !by_source);
+    if (!failed) share(k->index ? fan_in_gradient_item : dense_gradient_item, &d, items, k->threads);
+    free(by_source);
+    free(d.room);
+    return failed;
+}
+
+/* ---- About the build ---- */
+
+/* Return the instruction set of this processor, as far as there is a build for it: 2 AVX-512, 1 AVX2, 0 other. */
+int64_t neurorobo_processor(void) {
+#if defined(__x86_64__)
+    __builtin_cpu_init();
+    if (__builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") &&
+        __builtin_cpu_supports("avx512bw") && __builtin_cpu_supports("avx512vl"))
+        return 2;
+    if (__builtin_cpu_supports("avx2")) return 1;
+#endif
+    return 0;
+}
+
+#ifndef NEUROROBO_SOURCE
+#define NEUROROBO_SOURCE "unknown"
+#endif
+
+/* Return the hash of the source that this was built from. */
+const char *neurorobo_source(void) { return NEUROROBO_SOURCE; }

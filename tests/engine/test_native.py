@@ -1,0 +1,341 @@
+"""The native path: the reference's spikes bit for bit, its gradients, and nothing that depends on the machine.
+
+Weights lie on a grid of 2**-12 wherever bits are compared between paths: sums of such weights are exact, so that the
+order of summation, which differs between events and matrix products, does not matter.
+"""
+
+import copy
+import os
+import pickle
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Literal
+
+import pytest
+import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from torch import Tensor, nn
+
+from neurorobo.engine import Layer, kernels
+from neurorobo.neurons import LIF, Surrogate
+from neurorobo.neurons.surrogate import SurrogateShape
+from neurorobo.regions.weights import to_grid
+from neurorobo.synapses import Dense, FanIn, Projection
+from tests.engine import reference
+from tests.engine.paths import engine, instruction_sets, needs_native
+
+pytestmark = needs_native()
+
+
+@pytest.fixture(autouse=True)
+def native_path() -> object:
+    with engine("native", os.environ.get("NEUROROBO_INSTRUCTIONS", "")):
+        yield
+
+
+def generator(seed: int = 0) -> torch.Generator:
+    return torch.Generator().manual_seed(seed)
+
+
+def spikes(steps: int, batch: int, neurons: int, rate: float = 0.3, seed: int = 1) -> Tensor:
+    return (torch.rand(steps, batch, neurons, generator=generator(seed)) < rate).float()
+
+
+Sources = tuple[int | tuple[int, int], ...]
+"""Of each projection the number of its sources, with the fan-in if it has one."""
+
+
+def build(
+    sources: Sources, neurons: int, neuron: LIF, *, recurrent: bool, thresholds: bool = False, grid: bool = True
+) -> Layer:
+    """A layer of about a fifth firing."""
+    projections: list[Projection] = [
+        FanIn(kind[0], neurons, kind[1], generator(i), gain=1.2)
+        if isinstance(kind, tuple)
+        else Dense(kind, neurons, generator(i), gain=1.2)
+        for i, kind in enumerate(sources)
+    ]
+    own = Dense(neurons, neurons, generator(9), gain=0.6) if recurrent else None
+    layer = Layer(projections, neuron, own, trainable_threshold=thresholds)
+    with torch.no_grad():
+        if layer.threshold is not None:
+            layer.threshold += 0.2 * torch.rand(neurons, generator=generator(8))
+        for parameter in layer.parameters():
+            if grid:
+                parameter.copy_(to_grid(parameter, 12))
+    return layer
+
+
+def plainly(layer: Layer, inputs: list[Tensor], state: Tensor) -> tuple[Tensor, Tensor]:
+    """Run a layer through the reference."""
+    current = sum((x @ p.matrix().t() for p, x in zip(layer.projections, inputs, strict=True)), torch.zeros(()))
+    threshold = torch.tensor(layer.neuron.threshold).to(state) if layer.threshold is None else layer.threshold
+    recurrent = None if layer.recurrent is None else layer.recurrent.matrix()
+    return reference.run_window(current, state, layer.neuron, threshold, recurrent)
+
+
+KINDS: dict[str, tuple[Sources, bool]] = {
+    "dense": ((70,), False),
+    "several": ((70, 130, 5), False),
+    "recurrent": ((50,), True),
+    "fan-in": (((70, 4),), False),
+    "mixed": ((64, (129, 5)), False),
+    "mixed-recurrent": (((30, 2), 20), True),
+}
+kinds = pytest.mark.parametrize("kind", KINDS)
+
+
+def problem(kind: str, steps: int, batch: int, rate: float = 0.3) -> tuple[list[Tensor], Tensor]:
+    sources = [s[0] if isinstance(s, tuple) else s for s in KINDS[kind][0]]
+    inputs = [spikes(steps, batch, n, rate, seed) for seed, n in enumerate(sources)]
+    return inputs, to_grid(torch.rand(batch, 143, generator=generator(7)), 12)  # some fired just before
+
+
+@kinds
+@pytest.mark.parametrize("thresholds", [False, True], ids=["", "thresholds"])
+@pytest.mark.parametrize("rectify", [False, True], ids=["", "rectified"])
+@pytest.mark.parametrize(("steps", "batch"), [(1, 1), (1, 100), (2, 3), (50, 1), (64, 2), (65, 1), (130, 3)])
+@torch.no_grad()
+def test_spikes_and_potentials_are_those_of_the_reference_bit_for_bit(
+    kind: str, thresholds: bool, rectify: bool, steps: int, batch: int
+) -> None:
+    sources, recurrent = KINDS[kind]
+    layer = build(sources, 143, LIF(rectify=rectify), recurrent=recurrent, thresholds=thresholds)
+    inputs, state = problem(kind, steps, batch)
+    found, last = layer(inputs, state)
+    expected, expected_last = plainly(layer, inputs, state)
+    assert torch.equal(found, expected)
+    assert torch.equal(last, expected_last)
+    assert steps == 1 or 0.05 < found.mean() < 0.95
+
+
+@kinds
+@pytest.mark.parametrize("rate", [0.0, 0.02, 0.65, 0.75, 1.0])
+@torch.no_grad()
+def test_spikes_do_not_depend_on_how_densely_the_sources_fire(kind: str, rate: float) -> None:
+    """Where most of them do, a matrix product takes the place of the events."""
+    sources, recurrent = KINDS[kind]
+    layer = build(sources, 143, LIF(), recurrent=recurrent)
+    inputs, state = problem(kind, 20, 5, rate)
+    found, last = layer(inputs, state)
+    expected, expected_last = plainly(layer, inputs, state)
+    assert torch.equal(found, expected)
+    assert torch.equal(last, expected_last)
+
+
+def gradients(
+    run: Callable[[Layer, list[Tensor], Tensor], tuple[Tensor, Tensor]],
+    layer: Layer,
+    inputs: list[Tensor],
+    state: Tensor,
+) -> dict[str, Tensor]:
+    """Return those of a random loss in all that a layer's window depends on."""
+    inputs = [x.clone().requires_grad_() for x in inputs]
+    state = state.clone().requires_grad_()
+    layer.zero_grad()
+    fired, last = run(layer, inputs, state)
+    loss = (fired * torch.randn(fired.shape, generator=generator(3)).to(fired)).sum()
+    (loss + (last * torch.randn(last.shape, generator=generator(4)).to(last)).sum()).backward()
+    leaves = {**dict(layer.named_parameters()), "state": state, **{f"input {i}": x for i, x in enumerate(inputs)}}
+    return {name: leaf.grad.clone() for name, leaf in leaves.items() if leaf.grad is not None}
+
+
+def assert_close(found: dict[str, Tensor], expected: dict[str, Tensor], tolerance: float = 1e-5) -> None:
+    assert found.keys() == expected.keys()
+    for name, gradient in found.items():
+        scale = expected[name].abs().max()
+        assert scale > 0, name
+        assert (gradient - expected[name]).abs().max() <= tolerance * scale, name
+
+
+@kinds
+@pytest.mark.parametrize("rectify", [False, True], ids=["", "rectified"])
+@pytest.mark.parametrize("reset_gradient", ["full", "detached"])
+@pytest.mark.parametrize("shape", ["rectangular", "triangular", "arctan", "fast_sigmoid"])
+def test_gradients_are_those_of_autograd(
+    kind: str, rectify: bool, reset_gradient: Literal["full", "detached"], shape: SurrogateShape
+) -> None:
+    """Against double precision. The rectangle is not continuous: a potential that rounding carries over its edge gains
+    or loses the whole derivative. Its half width is therefore off the grid that the potentials are near to."""
+    sources, recurrent = KINDS[kind]
+    neuron = LIF(surrogate=Surrogate(shape, 0.9001), reset_gradient=reset_gradient, rectify=rectify)
+    layer = build(sources, 143, neuron, recurrent=recurrent, thresholds=True)
+    inputs, state = problem(kind, 20, 4)
+    expected = gradients(plainly, copy.deepcopy(layer).double(), [x.double() for x in inputs], state.double())
+    assert_close(gradients(Layer.__call__, layer, inputs, state), {k: v.float() for k, v in expected.items()})
+
+
+@pytest.mark.parametrize("rate", [0.1, 0.9])
+@pytest.mark.parametrize(("steps", "batch"), [(1, 1), (3, 50), (70, 1)])
+def test_gradients_of_windows_of_all_lengths_and_densities(rate: float, steps: int, batch: int) -> None:
+    layer = build((70, (40, 3)), 143, LIF(surrogate=Surrogate("arctan")), recurrent=True)
+    inputs, state = [spikes(steps, batch, 70, rate), spikes(steps, batch, 40, rate)], torch.rand(batch, 143)
+    expected = gradients(plainly, copy.deepcopy(layer).double(), [x.double() for x in inputs], state.double())
+    assert_close(gradients(Layer.__call__, layer, inputs, state), {k: v.float() for k, v in expected.items()})
+
+
+def test_only_what_is_asked_for_gets_a_gradient() -> None:
+    layer = build((70, (40, 3)), 143, LIF(), recurrent=True, thresholds=True)
+    wanted = layer.projections[1].weight
+    for parameter in layer.parameters():
+        parameter.requires_grad_(parameter is wanted)
+    inputs, state = [spikes(9, 2, 70), spikes(9, 2, 40)], torch.zeros(2, 143)
+    layer(inputs, state)[1].sum().backward()  # of the last potential alone
+    assert [name for name, parameter in layer.named_parameters() if parameter.grad is not None] == [
+        "projections.1.weight"
+    ]
+
+
+@kinds
+@pytest.mark.parametrize("pieces", [[1] * 130, [64, 66], [3, 127]], ids=["streaming", "halves", "uneven"])
+@torch.no_grad()
+def test_a_window_in_pieces_is_the_whole_window_bit_for_bit(kind: str, pieces: list[int]) -> None:
+    sources, recurrent = KINDS[kind]
+    layer = build(sources, 143, LIF(rectify=True), recurrent=recurrent)
+    inputs, state = problem(kind, 130, 2)
+    whole, last = layer(inputs, state)
+    parts = []
+    for piece in zip(*(x.split(pieces) for x in inputs), strict=True):
+        fired, state = layer(list(piece), state)
+        parts.append(fired)
+    assert torch.equal(torch.cat(parts), whole)
+    assert torch.equal(state, last)
+
+
+@kinds
+def test_neither_threads_nor_the_instruction_set_change_a_bit(kind: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of spikes, potentials and gradients; off the grid, where a single other order of summation would show."""
+    sources, recurrent = KINDS[kind]
+    layer = build(sources, 143, LIF(surrogate=Surrogate("arctan")), recurrent=recurrent, thresholds=True, grid=False)
+    inputs, state = problem(kind, 66, 40)
+    monkeypatch.setattr(kernels, "WORK_FOR_THREADS", 0)
+    found = []
+    for instructions in instruction_sets():
+        for count in (1, 3):
+            with engine("native", instructions):
+                # torch's own products may depend on the number of threads, so the kernels alone get more
+                monkeypatch.setattr(torch, "get_num_threads", lambda count=count: count)
+                layer = copy.deepcopy(layer)  # the tiles of another build are of another width
+                with torch.no_grad():
+                    results = dict(zip(("spikes", "last"), layer(inputs, state), strict=True))
+                found.append(results | gradients(Layer.__call__, layer, inputs, state))
+    assert len(found) >= 2
+    for other in found[1:]:
+        for name, tensor in found[0].items():
+            assert torch.equal(tensor, other[name]), name
+
+
+@torch.no_grad()
+def test_one_layer_serves_several_threads_at_once() -> None:
+    layer = build((300,), 143, LIF(), recurrent=True)
+    inputs = [spikes(50, 4, 300, seed=seed) for seed in range(16)]
+    alone = [layer([x], torch.zeros(4, 143))[0] for x in inputs]
+
+    @torch.no_grad()
+    def run(x: Tensor) -> Tensor:
+        return layer([x], torch.zeros(4, 143))[0]
+
+    with ThreadPoolExecutor(4) as pool:
+        for found, expected in zip(pool.map(run, inputs), alone, strict=True):
+            assert torch.equal(found, expected)
+
+
+def test_inputs_may_be_views_and_state_and_inputs_are_left_alone() -> None:
+    layer = build((70,), 143, LIF(), recurrent=False)
+    wide = spikes(3, 20, 140).transpose(0, 1)
+    state = torch.rand(143, 3).t()
+    for view in (wide[..., 70:], wide[..., ::2], wide[:1, :, :70].expand(20, 3, 70), wide.flip(2)[..., :70]):
+        before, state_before = view.clone(), state.clone()
+        found = layer([view], state)
+        expected = plainly(layer, [view.contiguous()], state)
+        assert torch.equal(found[0], expected[0])
+        assert torch.equal(found[1], expected[1])
+        assert torch.equal(view, before)
+        assert torch.equal(state, state_before)
+
+
+@torch.no_grad()
+def test_every_change_of_the_weights_is_noticed() -> None:
+    layer = build((70,), 143, LIF(), recurrent=True)
+    inputs, state = [spikes(30, 2, 70)], torch.zeros(2, 143)
+
+    def fused_adam() -> None:
+        optimiser = torch.optim.Adam(layer.parameters(), lr=0.1, fused=True)
+        for parameter in layer.parameters():
+            parameter.grad = torch.randn(parameter.shape, generator=generator(5))
+        optimiser.step()
+
+    def replaced() -> None:
+        layer.projections[0].weight = nn.Parameter(torch.randn(143, 70, generator=generator(6)) * 0.2)
+
+    changes: list[Callable[[], object]] = [
+        fused_adam,
+        lambda: layer.projections[0].weight.mul_(-1),
+        lambda: layer.load_state_dict({name: p.roll(1, 0) for name, p in layer.state_dict().items()}),
+        replaced,
+        lambda: layer.recurrent.weight.zero_(),
+    ]
+    before = layer(inputs, state)[0]
+    for change in changes:
+        change()
+        for parameter in layer.parameters():
+            parameter.copy_(to_grid(parameter, 12)) if change is not fused_adam else None
+        found = layer(inputs, state)[0]
+        fresh = copy.deepcopy(layer)
+        assert torch.equal(found, fresh(inputs, state)[0])
+        assert not torch.equal(found, before)
+        before = found
+    assert torch.equal(pickle.loads(pickle.dumps(layer))(inputs, state)[0], before)
+    assert "_checked" not in str(layer.state_dict().keys())
+
+
+def test_a_change_of_weights_between_the_ways_is_refused_as_autograd_does() -> None:
+    layer = build((70,), 143, LIF(), recurrent=False)
+    fired, _ = layer([spikes(9, 2, 70).requires_grad_()], torch.zeros(2, 143))
+    with torch.no_grad():
+        layer.projections[0].weight.add_(1)
+    with pytest.raises(RuntimeError, match="modified by an inplace operation"):
+        fired.sum().backward()
+
+
+@dataclass(frozen=True)
+class Shape:
+    steps: int
+    batch: int
+    neurons: int
+    sources: Sources
+    recurrent: bool
+
+
+@st.composite
+def shapes(draw: st.DrawFn) -> Shape:
+    sources = []
+    for _ in range(draw(st.integers(1, 3))):
+        count = draw(st.integers(1, 140))
+        sources.append((count, draw(st.integers(1, min(count, 6)))) if draw(st.booleans()) else count)
+    return Shape(
+        draw(st.integers(1, 70)),
+        draw(st.integers(1, 20)),
+        draw(st.integers(1, 300)),
+        tuple(sources),
+        draw(st.booleans()),
+    )
+
+
+@given(shape=shapes(), rate=st.sampled_from([0.0, 0.1, 0.5, 0.9]))
+@settings(max_examples=int(os.environ.get("NEUROROBO_FUZZ", "40")))
+def test_all_shapes_agree_with_the_reference(shape: Shape, rate: float) -> None:
+    layer = build(shape.sources, shape.neurons, LIF(surrogate=Surrogate("arctan")), recurrent=shape.recurrent)
+    sources = [s[0] if isinstance(s, tuple) else s for s in shape.sources]
+    inputs = [spikes(shape.steps, shape.batch, n, rate, seed) for seed, n in enumerate(sources)]
+    state = to_grid(torch.rand(shape.batch, shape.neurons, generator=generator(2)), 12)
+    with torch.no_grad():
+        found, last = layer(inputs, state)
+        expected, expected_last = plainly(layer, inputs, state)
+    assert torch.equal(found, expected)
+    assert torch.equal(last, expected_last)
+    theirs = gradients(plainly, copy.deepcopy(layer).double(), [x.double() for x in inputs], state.double())
+    for name, gradient in gradients(Layer.__call__, layer, inputs, state).items():
+        assert (gradient - theirs[name]).abs().max() <= 1e-5 * theirs[name].abs().max() + 1e-9, name
