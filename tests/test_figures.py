@@ -7,7 +7,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import torch
 
 from neurorobo.experiment.build import build_brain, build_task
 from neurorobo.experiment.recorder import Setting
@@ -47,29 +46,16 @@ def test_a_baseline_that_is_better_than_it_can_be_is_a_miss_too() -> None:
 
 
 def test_interventions_are_counted_for_every_actuator_and_when_they_happen() -> None:
-    """Three runs of one axial speed each: in one the held speed is cut twice, in one a move, in one nothing."""
+    """Three runs: in one a speed is cut twice, in one a move, in one nothing."""
     experiment = FIGURES["ROWS"][-1].experiment()
-    task = build_task(experiment)
-    setting = Setting(Path(), "test", build_brain(experiment).plan, range(3), task)
-    recorder = FIGURES["Interventions"](setting, {"axial_speed": "plan.speed", "radial_move": "act.move"})
+    setting = Setting(Path(), "test", build_brain(experiment).plan, range(3), build_task(experiment))
+    recorder = FIGURES["Interventions"](setting)
 
-    def tick(left_um: float, speeds: list[float], moves: list[float], *, planned: bool) -> None:
-        act = {"move": torch.tensor([[0.0, 0.5], [0.0, 30.0], [0.0, 0.5]])}
-        plan = {"plan": {"speed": torch.tensor([[20.0], [20.0], [20.0]])}} if planned else {}
-        recorder.sample(
-            SimpleNamespace(
-                running=np.ones(3, dtype=np.bool_),
-                observation={"remaining": np.full((3, 1), left_um)},
-                given={
-                    "axial_speed": np.array(speeds)[:, None],
-                    "radial_move": np.array([[0.0, move] for move in moves]),
-                },
-                outputs={**plan, "act": act},
-            )
-        )
+    def tick(left_um: float, speeds: list[int], moves: list[int]) -> None:
+        counts = {"axial_speed": np.array(speeds), "radial_move": np.array(moves)}
+        recorder.sample(SimpleNamespace(observation={"remaining": np.full((3, 1), left_um)}, interventions=counts))
 
-    tick(100.0, [15.0, 20.0, 20.0], [0.5, 25.0, 0.5], planned=True)
-    tick(40.0, [15.0, 20.0, 20.0], [0.5, 30.0, 0.5], planned=False)  # held as it was: no new intervention
-    tick(30.0, [5.0, 20.0, 20.0], [0.5, 30.0, 0.5], planned=False)  # cut further: one more, late
+    tick(100.0, [1, 0, 0], [0, 1, 0])
+    tick(40.0, [1, 0, 0], [0, 0, 0])
     assert recorder.all.tolist() == [2, 1, 0]
     assert recorder.early.tolist() == [1, 1, 0]
