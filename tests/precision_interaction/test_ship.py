@@ -82,8 +82,10 @@ def test_weights_that_the_file_does_not_describe_are_not_shipped(
     assert not list(tmp_path.iterdir())
 
 
-def test_large_tensors_fit_eight_bits_and_zeros_are_no_exception(tool: dict[str, Any]) -> None:
+def test_tensors_fit_sixteen_bits_large_ones_eight_and_their_sums_are_exact(tool: dict[str, Any]) -> None:
     bits, large = tool["fractional_bits"], tool["LARGE"]
-    assert bits(torch.zeros(large)) == bits(torch.zeros(3)) == bits(torch.full((3,), 90.0)) == GRID_BITS
-    weights = torch.full((large,), 1.5)
-    assert 1.5 * 2 ** bits(weights) <= 127 < 1.5 * 2 ** (bits(weights) + 1)
+    assert bits(torch.zeros(3, 4)) == GRID_BITS
+    assert bits(torch.full((3, 4), 1.5)) == 14  # 1.5 * 2**14 is below 2**15
+    assert bits(torch.full((large // 1000, 1000), 1.5)) == 6
+    assert bits(torch.full((3, 4000), 0.3)) == 11  # 1200 * 2**11 is below 2**22
+    assert bits(torch.full((3, 4), 0.001)) == 16

@@ -29,6 +29,7 @@ from neurorobo.regions.weights import GRID_BITS, load_weights, save_weights, sig
 
 WEIGHTS = Path(__file__).resolve().parents[1] / "precision_interaction" / "weights"
 LARGE = 1_000_000
+EXACT_BITS = 22  # of the 24 that a float32 has
 
 
 def ship(
@@ -86,11 +87,18 @@ def _shipped(
 
 
 def fractional_bits(weight: torch.Tensor) -> int:
-    """Return the fractional bits of a tensor: 10, or for a large one what lets it fit 8 bits in all."""
-    largest = float(weight.detach().abs().max()) if weight.numel() else 0.0
-    if weight.numel() < LARGE or largest == 0.0:
+    """Return the fractional bits of a tensor: as many as leave it 16 bits in all, or 8 if it is large, but at most 16.
+
+    They are also so few that the sums over a neuron's sources stay exact in float32, with room for other projections. A
+    coarse grid is not harmless: multiples of 2**-10 shifted the prefrontal cortex by several um/s at some states.
+    """
+    weight = weight.detach().abs()
+    largest = float(weight.max()) if weight.numel() else 0.0
+    if largest == 0.0:
         return GRID_BITS
-    return min(GRID_BITS, math.floor(math.log2(127 / largest)))
+    in_all = math.floor(math.log2((127 if weight.numel() >= LARGE else 32767) / largest))
+    exact = EXACT_BITS - math.ceil(math.log2(float(weight.sum(-1).max())))
+    return min(16, in_all, exact)
 
 
 def _section(lesson: Lesson, phase: Mapping[str, Any], shipped: Mapping[str, Any]) -> list[str]:

@@ -89,7 +89,7 @@ class InsertionTask(Task[InsertionRig]):
         overshoot_um = np.maximum(self._travel_max_um - self.body.config.length, 0.0)
         columns = {
             "steps": np.ceil(self._elapsed_ns / self.body.config.axial_period),
-            "duration_s": self._elapsed_ns * 1e-9,
+            "duration_s": self._elapsed_ns / 1e9,
             "mean_force_mN": self._force_sum_mN / np.maximum(self._motions, 1),
             "max_force_mN": self._force_max_mN,
             "final_error_um": error_um,
