@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from neurorobo.cli.options import file_argument, out_option, overrides_option
+from neurorobo.cli.options import file_argument, overrides_option
 
 
 @click.command()
@@ -12,7 +12,11 @@ from neurorobo.cli.options import file_argument, out_option, overrides_option
 @overrides_option
 @click.option("--only", multiple=True, metavar="REGION", help="Train only the phases of this region; repeatable.")
 @click.option("--threads", default=2, show_default=True, type=click.IntRange(1), help="Cores to use.")
-@out_option
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, file_okay=False),
+    help="Folder for the results. Default: runs/<name>/training-<hash of the file and its overrides>.",
+)
 def train(file: Path, overrides: tuple[str, ...], only: tuple[str, ...], threads: int, out: Path | None) -> None:
     """Train the regions of FILE by its `train` phases.
 
