@@ -34,9 +34,11 @@ check: .venv/.installed-dev ## lint, types, layers, schema, examples and documen
 	$(BIN)/lint-imports
 	$(BIN)/neurorobo schema --check docs/schema/experiment.schema.json
 	$(BIN)/neurorobo validate examples/*.yaml
+	rm -rf docs/reference/api # it is generated, and may hold pages of modules that are no more
 	$(BIN)/sphinx-build --fail-on-warning --keep-going --quiet docs build/docs
 
 docs: .venv/.installed-dev ## build the documentation into build/docs
+	rm -rf docs/reference/api # it is generated, and may hold pages of modules that are no more
 	$(BIN)/sphinx-build --fail-on-warning --keep-going docs build/docs
 	@echo "open build/docs/index.html"
 
