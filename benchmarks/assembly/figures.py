@@ -1,8 +1,8 @@
 """Every assembly figure of the README: all examples over seeds 0-99, against what is wanted of them.
 
-Run ``python benchmarks/assembly/figures.py`` (up to an hour). It writes ``benchmarks/assembly/latest.json``, prints the
-table, puts it into the README, and exits with 1 if a figure is missed. ``--only NAME`` measures one row and keeps the
-others.
+Run ``python benchmarks/assembly/figures.py`` (some minutes; each row records its own time). It writes
+``benchmarks/assembly/latest.json``, prints the table, puts it into the README, and exits with 1 if a figure is missed.
+``--only NAME`` measures one row and keeps the others.
 """
 
 import argparse
