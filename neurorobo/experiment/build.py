@@ -1,9 +1,10 @@
 """From an experiment file to the things that run: brain, body and task."""
 
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import torch
@@ -43,8 +44,10 @@ def build_region(config: RegionConfig, experiment: Experiment, generator: torch.
     return region
 
 
-def build_brain(experiment: Experiment, plan: Plan | None = None) -> Brain:
-    """Build every region that the steps use, with its weights.
+def build_brain(
+    experiment: Experiment, plan: Plan | None = None, built: Mapping[str, Region] = MappingProxyType({})
+) -> Brain:
+    """Build every region that the steps use, with its weights; those in ``built`` are taken as they are.
 
     Fresh weights come from the experiment's seed and the region's name. Raises :class:`ConfigError` with the place of
     every region that cannot be built and weights file that cannot be used.
@@ -53,6 +56,9 @@ def build_brain(experiment: Experiment, plan: Plan | None = None) -> Brain:
     faults: list[Fault] = []
     regions: dict[str, Region] = {}
     for name in _used(plan):
+        if name in built:
+            regions[name] = built[name]
+            continue
         config = experiment.regions[name]
         with noting(faults, "regions", name):
             regions[name] = build_region(config, experiment, _generator(experiment.seed, name)).eval()

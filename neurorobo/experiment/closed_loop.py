@@ -11,7 +11,7 @@ from torch import Tensor
 
 from neurorobo.bodies import Array
 from neurorobo.errors import NeuroroboError
-from neurorobo.experiment.recorder import Counts, Recorder, Sample
+from neurorobo.experiment.recorder import Counts, Sample, Sampler
 from neurorobo.graph.brain import Brain
 from neurorobo.graph.plan import Edge, Use
 from neurorobo.regions.region import Probe
@@ -42,7 +42,7 @@ def run_episodes(
     seeds: Sequence[int],
     *,
     duration_ns: int | None = None,
-    recorders: Sequence[Recorder] = (),
+    recorders: Sequence[Sampler] = (),
     progress: Callable[[int, int], None] = lambda tick, running: None,
 ) -> list[EpisodeResult]:
     """Run one episode per seed, all in one batch, until each has ended or ``duration_ns`` is over.
@@ -86,6 +86,7 @@ def run_episodes(
                 observation=observation,
                 given=given,
                 interventions=interventions,
+                inputs=watch.inputs,
                 outputs=watch.outputs,
                 spikes=watch.spikes,
                 seeds=seeds,
@@ -126,6 +127,7 @@ class _Watch:
 
     batch: int
     keeps_spikes: bool
+    inputs: dict[str, list[Mapping[str, Tensor]]] = field(default_factory=dict)
     outputs: dict[str, dict[str, Tensor]] = field(default_factory=dict)
     spikes: dict[str, dict[str, Tensor]] = field(default_factory=dict)
     running: Tensor = field(init=False)
@@ -135,11 +137,12 @@ class _Watch:
 
     def begin(self, running: Flags) -> None:
         """Start a tick, in which the ``running`` episodes count."""
-        self.outputs, self.spikes = {}, {}
+        self.inputs, self.outputs, self.spikes = {}, {}, {}
         self.running = torch.from_numpy(running.astype(np.float64))
 
-    def used(self, use: Use, iteration: int, outputs: Mapping[str, Tensor]) -> None:
-        """Keep the outputs of a use as numbers."""
+    def used(self, use: Use, iteration: int, inputs: Mapping[str, Tensor], outputs: Mapping[str, Tensor]) -> None:
+        """Keep the inputs of a use as they came, and its outputs as numbers."""
+        self.inputs.setdefault(use.name, []).append(inputs)
         self.outputs[use.name] = {
             name: value if (code := use.outputs[name].code) is None else code.decode(value)
             for name, value in outputs.items()

@@ -4,7 +4,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,10 +34,11 @@ class Sample:
 
     ``observation`` was read at the tick's start, ``given`` is what the body carried out until its end, and
     ``interventions`` counts, for each actuator (batch), how often the command layer had to change it for that: new
-    commands and held ones, the latter when they are changed further than before. ``outputs`` holds, for each step that
-    ran, its ports as numbers (batch, width), of its last iteration if it repeats. ``spikes`` holds (steps, batch,
-    neurons) by step and layer, for recorders that want them. ``seeds`` are those of this batch; of a large run, one
-    batch follows the other, each from tick 0.
+    commands and held ones, the latter when they are changed further than before. ``inputs`` holds, for each step that
+    ran, what each of its iterations was given, in the form that the ports of its region carry; ``outputs`` its ports as
+    numbers (batch, width), of its last iteration. ``spikes`` holds (steps, batch, neurons) by step and layer, for
+    recorders that want them. ``seeds`` are those of this batch; of a large run, one batch follows the other, each from
+    tick 0.
     """
 
     tick: int
@@ -46,9 +47,21 @@ class Sample:
     observation: Mapping[str, Array]
     given: Mapping[str, Array]
     interventions: Mapping[str, Counts]
+    inputs: Mapping[str, Sequence[Mapping[str, Tensor]]]
     outputs: Mapping[str, Mapping[str, Tensor]]
     spikes: Mapping[str, Mapping[str, Tensor]]
     seeds: Sequence[int]
+
+
+class Sampler(Protocol):
+    """Takes every sample of a run; it ``wants_spikes`` or not."""
+
+    @property
+    def wants_spikes(self) -> bool:
+        """Whether samples are to hold the spikes."""
+
+    def sample(self, sample: Sample) -> None:
+        """Take note of one tick."""
 
 
 class Recorder(ABC):

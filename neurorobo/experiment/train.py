@@ -14,6 +14,8 @@ from neurorobo.config.faults import raise_faults
 from neurorobo.errors import Fault, NeuroroboError
 from neurorobo.experiment.build import build, build_region, noting
 from neurorobo.experiment.lessons import Lesson
+from neurorobo.experiment.plan import build_plan
+from neurorobo.experiment.rollout import Rollout
 from neurorobo.experiment.run_folder import write_json
 from neurorobo.files import make_folder
 from neurorobo.learning.checkpoint import Checkpoints
@@ -63,6 +65,7 @@ def train_experiment(
         raise NeuroroboError(f"no training phase is about {', '.join(sorted(unknown))}; see `train` in the file")
     chosen = {i: lesson for i, lesson in enumerate(lessons) if not only or lesson.phase.region in only}
     courses = _build(experiment, chosen)
+    rollouts = _rollouts(experiment, courses)
     for place in (folder, folder / CHECKPOINTS):
         make_folder(place)
     earlier = _earlier_reports(folder, lessons)
@@ -81,6 +84,7 @@ def train_experiment(
                 report=lambda progress, index=index: report(index, progress),
                 checkpoints=checkpoints,
                 **course.parts,
+                **({"rollout": rollouts[index]} if index in rollouts else {}),
             )
             notes = {**files.notes(index), "seconds": f"{checkpoints.seconds:.1f}"}
             save_weights(region, files.weights(index), notes)
@@ -138,6 +142,27 @@ def _build(experiment: Experiment, lessons: Mapping[int, Lesson]) -> dict[int, _
                 courses[index] = _Course(phase, regions[phase.region], parts, rule, examine)
     raise_faults(experiment.document, faults)
     return courses
+
+
+def _rollouts(experiment: Experiment, courses: Mapping[int, _Course]) -> dict[int, Rollout]:
+    """Build the closed loop of each phase that needs one, around the very regions that learn.
+
+    Those that learn in later phases act with the weights that the file names, as those do that do not learn.
+    """
+    wanting = {index: course.phase.region for index, course in courses.items() if course.phase.needs_rollout}
+    if not wanting:
+        return {}
+    plan = build_plan(experiment)
+    used = {use.region for use in plan.uses()}
+    unused = {index: name for index, name in wanting.items() if name not in used}
+    message = "takes part in no step, so that it meets nothing by itself; use it in `steps`, or train it otherwise"
+    unused = {index: name for index, name in wanting.items() if name not in used}
+    faults = [Fault(("train", index, "region"), f"`{name}` {message}") for index, name in unused.items()]
+    raise_faults(experiment.document, faults)
+    return {
+        index: Rollout(experiment, plan, name, {c.phase.region: c.region for i, c in courses.items() if i <= index})
+        for index, name in wanting.items()
+    }
 
 
 @dataclass(frozen=True)

@@ -20,8 +20,8 @@ _PREFIX = "region_"
 class Observer(Protocol):
     """Watches a brain at work; it may not change anything."""
 
-    def used(self, use: Use, iteration: int, outputs: Mapping[str, Tensor]) -> None:
-        """Take the outputs of one use of a region."""
+    def used(self, use: Use, iteration: int, inputs: Mapping[str, Tensor], outputs: Mapping[str, Tensor]) -> None:
+        """Take the inputs and the outputs of one use of a region, in the form that their ports carry."""
 
     def probe(self, use: Use) -> Probe | None:
         """Return what should listen to the spikes inside this use, if anything."""
@@ -293,7 +293,7 @@ class _Moment:
             self.regions[use.region] = after
         self.push(use.name, outputs, first=iteration == 0, last=last)
         if self.observer is not None:
-            self.observer.used(use, iteration, outputs)
+            self.observer.used(use, iteration, inputs, outputs)
 
     def _state_before(self, use: Use, region: Region) -> State:
         """Return the state a use starts from, by its policy and by how long the region carries its state."""

@@ -55,15 +55,32 @@ class Unroll(BaseModel):
     discount: float = Field(default=1.0, gt=0, le=1)
 
 
+class OnPolicy(BaseModel):
+    """The share of each batch that a region is to meet by itself, in the closed loop of the experiment.
+
+    Every ``every`` steps it runs ``episodes`` of fresh seeds, all with the weights that it has by then; the inputs that
+    it met in the last ``keep`` such visits are drawn from evenly. What it should have said, its teacher says: a pupil
+    meets the consequences of its own errors, which no distribution made beforehand has (DAgger, Ross et al. 2011).
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    share: float = Field(gt=0, le=1)
+    episodes: int = Field(default=16, ge=1)
+    every: int = Field(default=100, ge=1)
+    keep: int = Field(default=8, ge=1)
+
+
 class Phase(BaseModel):
     """Base of the configuration of a training phase, of whatever rule; it must not import torch.
 
     ``implementation`` names what trains, as ``"package.module:function"``: it is called with the keywords ``region``,
     ``phase``, ``generator``, ``report`` (of :class:`neurorobo.learning.supervise.Progress`), ``checkpoints``
     (:class:`neurorobo.learning.checkpoint.Checkpoints`, to use or not), and one for each of ``parts``, and trains the
-    region in place. ``parts`` are the fields that name something to be built: a region or a source of data.
-    ``examination`` names a function of ``region``, ``phase``, ``generator`` and the parts, which returns what
-    ``training.json`` is to say of the trained region.
+    region in place. A phase that ``needs_rollout`` is also given ``rollout``
+    (:class:`neurorobo.learning.on_policy.Rollout`). ``parts`` are the fields that name something to be built: a region
+    or a source of data. ``examination`` names a function of ``region``, ``phase``, ``generator`` and the parts, which
+    returns what ``training.json`` is to say of the trained region.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
@@ -75,6 +92,11 @@ class Phase(BaseModel):
     phase: str
     region: str
     seed: int = Field(default=0, ge=0, le=LARGEST_SEED)
+
+    @property
+    def needs_rollout(self) -> bool:
+        """Whether the rule lets the region act in the closed loop of the experiment."""
+        return False
 
     def check(
         self, inputs: Mapping[str, Port], outputs: Mapping[str, Port], clock: Clock, parts: Mapping[str, BaseModel]
@@ -107,6 +129,9 @@ class SupervisePhase(Phase):
     train: tuple[str, ...] | None = Field(default=None, description="The parameter groups to train; all if left out.")
     freeze: tuple[str, ...] = Field(default=(), description="Parameter groups to leave as they are.")
     unroll: Unroll = Unroll(windows=1)
+    on_policy: OnPolicy | None = Field(
+        default=None, description="The share of the data that the region meets by itself in the closed loop."
+    )
     steps: int = Field(ge=1)
     batch: int = Field(default=32, ge=1)
     learning_rate: float = Field(
@@ -120,6 +145,11 @@ class SupervisePhase(Phase):
     precision: Literal["bf16", "float32"] = Field(
         default="float32", description="The products of spikes and weights while training; sums are always float32."
     )
+
+    @property
+    def needs_rollout(self) -> bool:
+        """Whether the region learns from what it meets by itself."""
+        return self.on_policy is not None
 
     def check(
         self, inputs: Mapping[str, Port], outputs: Mapping[str, Port], clock: Clock, parts: Mapping[str, BaseModel]

@@ -13,6 +13,7 @@ from torch import Tensor, nn
 from neurorobo.errors import NeuroroboError
 from neurorobo.learning.checkpoint import Checkpoints
 from neurorobo.learning.evaluate import Data, Rates, SideBySide
+from neurorobo.learning.on_policy import OnPolicyData, Rollout
 from neurorobo.learning.phase import SupervisePhase
 from neurorobo.regions.region import Region, constrain
 from neurorobo.regions.weights import signature_hash
@@ -41,8 +42,9 @@ def supervise(
     *,
     report: Callable[[Progress], None] = lambda progress: None,
     checkpoints: Checkpoints | None = None,
+    rollout: Rollout | None = None,
 ) -> None:
-    """Train ``region`` in place; ``generator`` draws the data.
+    """Train ``region`` in place; ``generator`` draws the data. A phase with ``on_policy`` needs a ``rollout``.
 
     With ``checkpoints`` an interrupted phase goes on where it stopped, to the very same weights; the file is the
     caller's to remove, once the weights are safe. Ctrl-C ends the step, writes the checkpoint and raises
@@ -52,15 +54,22 @@ def supervise(
     phase.check_ports(region.input_ports, region.output_ports)
     unit_errors = phase.unit_errors(region.output_ports)
     both = SideBySide(region, teacher, phase.unroll, tuple(unit_errors))
+    visits = None
+    if phase.on_policy is not None:
+        if rollout is None:
+            raise ValueError("a phase with `on_policy` needs a rollout")
+        data = visits = OnPolicyData(data, rollout, phase.on_policy, region.input_ports)
     with _trainable(region, phase) as parameters, _deferred_interrupt() as interrupted, _products(phase.precision):
         optimiser = torch.optim.Adam(_by_fan_in(parameters.values()), betas=(0.9, 0.99), fused=True)
-        state = _State(region, phase, parameters, optimiser, generator)
+        state = _State(region, phase, parameters, optimiser, generator, visits)
         first = 0 if checkpoints is None else state.resume(checkpoints)
         for step in range(first, phase.steps):
             for group in optimiser.param_groups:
                 group["lr"] = phase.learning_rate_at(step) * group["scale"]
             rates = Rates()
-            errors = both.errors(data.draw(phase.batch, generator), generator, rates)
+            with _products("float32"):  # what a region meets by itself is what it will meet when it runs
+                values = data.draw(phase.batch, generator)
+            errors = both.errors(values, generator, rates)
             loss = _loss(errors, unit_errors, phase.unroll.discount)
             if phase.rate_penalty:
                 loss = loss + phase.rate_penalty * rates.mean()
@@ -78,20 +87,23 @@ def supervise(
 
 @dataclass(frozen=True)
 class _State:
-    """All that the rest of a phase depends on: the region, Adam's moments and the generator of the data."""
+    """All that the rest of a phase depends on: the region, Adam's moments, the generator of the data, what was met."""
 
     region: Region
     phase: SupervisePhase
     parameters: Mapping[str, nn.Parameter]
     optimiser: torch.optim.Adam
     generator: torch.Generator
+    visits: OnPolicyData | None
 
     def belongs(self) -> dict[str, Any]:
         """Return what a checkpoint must agree in to be gone on from, under the names that an error gives them."""
+        loop = {} if self.visits is None else {"the rest of the closed loop": self.visits.fingerprint}
         return {
             "the settings of the phase": self.phase.model_dump(mode="json"),
             "the configuration of the region": signature_hash(self.region.config, self.region.clock),
             "the clock": self.region.clock.to_config(),
+            **loop,
         }
 
     def save(self, checkpoints: Checkpoints, done: int) -> None:
@@ -99,6 +111,8 @@ class _State:
         tensors = {f"region.{name}": tensor for name, tensor in self.region.state_dict().items()}
         for name, parameter in self.parameters.items():
             tensors |= {f"adam.{key}.{name}": tensor for key, tensor in self.optimiser.state[parameter].items()}
+        if self.visits is not None:
+            tensors |= {f"visits.{name}": tensor for name, tensor in self.visits.tensors().items()}
         checkpoints.write(done, {**tensors, "generator": self.generator.get_state()}, self.belongs())
 
     def resume(self, checkpoints: Checkpoints) -> int:
@@ -108,17 +122,23 @@ class _State:
             return 0
         done, tensors = found
         try:
-            weights = {n.removeprefix("region."): t for n, t in tensors.items() if n.startswith("region.")}
-            self.region.load_state_dict(weights)
+            self.region.load_state_dict(_below("region.", tensors))
             for name, parameter in self.parameters.items():
                 moments = {key: tensors[f"adam.{key}.{name}"] for key in ("step", "exp_avg", "exp_avg_sq")}
                 self.optimiser.state[parameter] = moments
             self.generator.set_state(tensors["generator"])
+            if self.visits is not None:
+                self.visits.restore(_below("visits.", tensors), done)
         except (KeyError, TypeError, RuntimeError) as error:
             raise NeuroroboError(
                 f"{checkpoints.file} is not a checkpoint of this region ({error}); remove it to start afresh"
             ) from error
         return done
+
+
+def _below(prefix: str, tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:
+    """Return the tensors whose names begin with ``prefix``, without it."""
+    return {name.removeprefix(prefix): tensor for name, tensor in tensors.items() if name.startswith(prefix)}
 
 
 def _loss(errors: Mapping[str, Tensor], unit_errors: Mapping[str, float], discount: float) -> Tensor:

@@ -7,25 +7,29 @@ from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar, Literal
 
+import numpy as np
 import pytest
 import torch
 from safetensors import safe_open
 from torch import Tensor, nn
 
 from neurorobo.clock import Clock
-from neurorobo.config.experiment import load_experiment
+from neurorobo.config.experiment import Experiment, load_experiment
 from neurorobo.errors import ConfigError, NeuroroboError
 from neurorobo.experiment import train as train_module
-from neurorobo.experiment.build import build_region
+from neurorobo.experiment.build import build_brain, build_region, build_task
+from neurorobo.experiment.closed_loop import run_episodes
 from neurorobo.experiment.lessons import read_lessons
 from neurorobo.experiment.train import train_experiment
 from neurorobo.learning.checkpoint import Checkpoints
+from neurorobo.learning.on_policy import Rollout
 from neurorobo.learning.phase import DataConfig, Phase
 from neurorobo.learning.supervise import Progress
 from neurorobo.plugins import Registrar, Registry, hookimpl
 from neurorobo.regions import Port, RegionConfig
 from neurorobo.regions.region import Probe, Region, State
 from neurorobo.regions.weights import save_weights
+from tests.experiment import toys
 
 HERE = "tests.experiment.test_train"
 
@@ -313,3 +317,82 @@ def test_ports_that_cannot_be_are_faults(tmp_path: Path, old: str, new: str, mes
 def test_a_rule_that_cannot_be_imported_is_told_before_any_phase_runs(tmp_path: Path) -> None:
     message = refused(tmp_path, "phase: school.set, region: other, to: 7.0", "phase: school.gone, region: other", True)
     assert "train.1: `tests.experiment.test_train:gone` cannot be imported" in message
+
+
+LOOP = """\
+neurorobo: 1
+name: loop
+time: {control: 1 s, window: 20}
+body: {type: toy.cart}
+task: {type: toy.reach}
+regions:
+  driver: {type: toy.drive}
+  watcher: {type: toy.net}
+  idle: {type: toy.net}
+steps:
+  - drive: {use: driver, position: body.position}
+  - watch: {use: watcher, force: body.force}
+command: {speed: drive.speed, nudge: drive.nudge}
+train:
+  - {phase: school.loop, region: watcher}
+"""
+
+
+class LoopPhase(Phase):
+    """A rule that acts once in the closed loop."""
+
+    implementation: ClassVar[str] = f"{HERE}:act"
+    phase: Literal["school.loop"] = "school.loop"
+
+    @property
+    def needs_rollout(self) -> bool:
+        return True
+
+
+met: list[Mapping[str, Tensor]] = []
+
+
+def act(*, rollout: Rollout, report: Any, **_: object) -> None:
+    met.append(rollout([3, 4]))
+    report(Progress(1, 1, 0.0, {}, 0.0))
+
+
+class LoopPlugin:
+    @hookimpl
+    def neurorobo_register(self, registry: Registrar) -> None:
+        registry.add("rule", "school.loop", f"{HERE}:LoopPhase")
+
+
+def types() -> Registry:
+    registry = Registry()
+    registry.add_plugin("toy", toys.Plugin())
+    registry.add_plugin("school", LoopPlugin())
+    return registry
+
+
+def loop(folder: Path, text: str = LOOP) -> Experiment:
+    file = folder / "loop.yaml"
+    file.write_text(text)
+    experiment = load_experiment(file, (), types())
+    train_experiment(experiment, read_lessons(experiment, types()), folder / "out")
+    return experiment
+
+
+def test_a_rule_can_let_its_region_act_in_the_closed_loop(tmp_path: Path) -> None:
+    met.clear()
+    experiment = loop(tmp_path)
+    notes = toys.Notes()
+    run_episodes(build_brain(experiment), build_task(experiment), [3, 4], recorders=[notes])
+    force = np.concatenate([sample.observation["force"][sample.running] for sample in notes.samples])
+    assert met[0]["force"].numpy() == pytest.approx(force.clip(-1, 1), abs=0.01 + 1 / 60)  # 6 neurons, 20 steps
+    assert len(force) > 5
+
+
+def test_a_region_that_takes_part_in_no_step_meets_nothing(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"train.0.region: `idle` takes part in no step"):
+        loop(tmp_path, LOOP.replace("region: watcher", "region: idle"))
+
+
+def test_the_others_act_with_what_earlier_phases_taught_them_or_the_file_names(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"regions.driver.weights: .*absent.safetensors"):
+        loop(tmp_path, LOOP.replace("toy.drive", "toy.drive, weights: absent.safetensors"))

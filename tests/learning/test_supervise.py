@@ -1,7 +1,7 @@
 """Supervised learning: what it promises about results, interruptions, units and what it leaves alone."""
 
 import signal
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, ClassVar
 
@@ -151,6 +151,40 @@ def test_an_interrupted_phase_ends_with_the_very_same_weights(tmp_path: Path) ->
     assert seen == [10, 11, 12]
     assert not changed(weights(straight), weights(broken))
     assert list(checkpoints.file.parent.iterdir()) == [checkpoints.file]  # for the caller to remove
+
+
+class Loop:
+    """A closed loop in which the region meets what it would say of one input for each seed."""
+
+    def __init__(self, region: Region, others: str = "as they were") -> None:
+        self.region, self.others = region, others
+
+    def fingerprint(self) -> str:
+        return self.others
+
+    def __call__(self, seeds: Sequence[int]) -> dict[str, Tensor]:
+        generator = torch.Generator().manual_seed(sum(seeds))
+        x = torch.rand(len(seeds), 2, generator=generator) * 2 - 1
+        code = self.region.output_ports["y"].code
+        assert code is not None
+        spikes = PopulationUniform(6, -1.0, 1.0).encode(x, 20)
+        return {"x": code.decode(self.region.step({"x": spikes}, {})[0]["y"]).detach()}
+
+
+def test_also_one_that_learns_from_what_it_meets(tmp_path: Path) -> None:
+    settings = phase(steps=12, on_policy={"share": 0.5, "episodes": 3, "every": 4})
+    straight, broken = spiking(), spiking()
+    train(straight, settings, rollout=Loop(straight))
+    checkpoints = Checkpoints(tmp_path / "phase.safetensors")
+    with pytest.raises(KeyboardInterrupt):
+        train(broken, settings, report=interrupt_at(6), checkpoints=checkpoints, rollout=Loop(broken))
+    broken = spiking()
+    with pytest.raises(NeuroroboError, match="another training: the rest of the closed loop differ"):
+        train(broken, settings, checkpoints=checkpoints, rollout=Loop(broken, "others"))
+    train(broken, settings, checkpoints=checkpoints, rollout=Loop(broken))
+    assert not changed(weights(straight), weights(broken))
+    with pytest.raises(ValueError, match="needs a rollout"):
+        train(spiking(), settings)
 
 
 def test_checkpoints_are_also_written_on_the_way(tmp_path: Path) -> None:

@@ -174,7 +174,7 @@ def test_of_a_large_layer_evenly_spaced_neurons_are_shown(tmp_path: Path) -> Non
     recorder = RerunRecorder(setting(tmp_path, [0]))
     spikes = torch.zeros(20, 1, 1000)
     spikes[:, :, 999] = 1.0  # the last one fires always, the others never
-    recorder.sample(Sample(0, 0.0, np.array([True]), {}, {}, {}, {}, {"watch": {"hidden": spikes}}, [0]))
+    recorder.sample(Sample(0, 0.0, np.array([True]), {}, {}, {}, {}, {}, {"watch": {"hidden": spikes}}, [0]))
     path = recorder.finish()
     assert path is not None
     columns, _ = read(path)
@@ -192,7 +192,7 @@ def test_a_recording_that_cannot_be_written_is_the_system_s_error(
 
     recorder = RerunRecorder(setting(tmp_path, [0]))
     outputs = {"drive": {"speed": torch.ones(1, 1)}}
-    recorder.sample(Sample(0, 0.0, np.array([True]), {}, {}, {}, outputs, {}, [0]))
+    recorder.sample(Sample(0, 0.0, np.array([True]), {}, {}, {}, {}, outputs, {}, [0]))
     with monkeypatch.context() as patch, pytest.raises(OSError, match="shut down prematurely"):
         patch.setattr(rr.RecordingStream, "flush", full)
         recorder.finish()
@@ -200,7 +200,7 @@ def test_a_recording_that_cannot_be_written_is_the_system_s_error(
 
 def test_a_brain_without_body_and_spikes_is_recorded_too(tmp_path: Path) -> None:
     recorder = RerunRecorder(setting(tmp_path, [0]))
-    recorder.sample(Sample(0, 0.0, np.array([True]), {}, {}, {}, {"drive": {"speed": torch.ones(1, 1)}}, {}, [0]))
+    recorder.sample(Sample(0, 0.0, np.array([True]), {}, {}, {}, {}, {"drive": {"speed": torch.ones(1, 1)}}, {}, [0]))
     path = recorder.finish()
     assert path is not None
     columns, _ = read(path)

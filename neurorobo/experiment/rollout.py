@@ -1,0 +1,69 @@
+"""Rollouts for learning: a region acts in the closed loop of its experiment, and what it meets is kept."""
+
+import hashlib
+import json
+from collections.abc import Collection, Mapping, Sequence
+from typing import Any
+
+import torch
+from torch import Tensor
+
+from neurorobo.config.experiment import Experiment
+from neurorobo.experiment.build import build_brain, build_task
+from neurorobo.experiment.closed_loop import run_episodes
+from neurorobo.experiment.recorder import Sample
+from neurorobo.graph.plan import Plan
+from neurorobo.regions.region import Region
+from neurorobo.regions.values import convert
+
+
+class Rollout:
+    """The closed loop of an experiment in which one region learns: a :class:`neurorobo.learning.on_policy.Rollout`.
+
+    ``trained`` are regions to take as they are at the time; the others get the weights that the file names. Raises what
+    building a brain and a task raises.
+    """
+
+    def __init__(self, experiment: Experiment, plan: Plan, learner: str, trained: Mapping[str, Region]) -> None:
+        self._experiment = experiment
+        self._learner = learner
+        self._brain = build_brain(experiment, plan, trained)
+        self._task = build_task(experiment)
+
+    def __call__(self, seeds: Sequence[int]) -> dict[str, Tensor]:
+        """Run one episode per seed; inputs are read back from their spikes, as exactly as the region can know them."""
+        steps = {use.name for use in self._brain.plan.uses() if use.region == self._learner}
+        met = _Met(self._brain.region(self._learner), steps)
+        episode = self._experiment.episode
+        duration_ns = None if episode is None else episode.duration
+        run_episodes(self._brain, self._task, seeds, duration_ns=duration_ns, recorders=[met])
+        return {name: torch.cat(values) for name, values in met.numbers.items()}
+
+    def fingerprint(self) -> str:
+        """Return the SHA-256 of the experiment, but for its training, and of the weights of the other regions."""
+        resolved: dict[str, Any] = {k: v for k, v in self._experiment.resolved().items() if k != "train"}
+        digest = hashlib.sha256(json.dumps(resolved, sort_keys=True).encode())
+        for name in self._brain.names:
+            if name != self._learner:
+                for key, tensor in self._brain.region(name).state_dict().items():
+                    digest.update(f"{name}.{key}".encode())
+                    digest.update(tensor.contiguous().view(torch.uint8).numpy().tobytes())
+        return digest.hexdigest()
+
+
+class _Met:
+    """Keeps the inputs of a region, of the episodes that are running, as numbers."""
+
+    wants_spikes = False
+
+    def __init__(self, region: Region, steps: Collection[str]) -> None:
+        self.numbers: dict[str, list[Tensor]] = {name: [] for name in region.input_ports}
+        self._ports = region.input_ports
+        self._steps = steps
+
+    def sample(self, sample: Sample) -> None:
+        """Take what each iteration of each step of the region was given."""
+        running = torch.from_numpy(sample.running)
+        for given in (given for step in self._steps for given in sample.inputs.get(step, ())):
+            for name, port in self._ports.items():
+                self.numbers[name].append(convert(given[name], port.code, None, 0, ())[running])

@@ -1,0 +1,86 @@
+"""Learning from what a region meets by itself: its states in the closed loop, among those of other data (DAgger)."""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Protocol
+
+import torch
+from torch import Tensor
+
+from neurorobo.errors import NeuroroboError, did_you_mean
+from neurorobo.learning.evaluate import Data
+from neurorobo.learning.phase import OnPolicy
+from neurorobo.regions.port import Port
+
+SEEDS = (1_000_000, 2**31)
+"""The seeds of the episodes, first and end: none of those with which people count."""
+
+
+class Rollout(Protocol):
+    """The closed loop of an experiment, in which a region acts with its present weights."""
+
+    def __call__(self, seeds: Sequence[int]) -> Mapping[str, Tensor]:
+        """Run one episode per seed and return all inputs that the region met, as numbers (inputs met, width)."""
+
+    def fingerprint(self) -> str:
+        """Return a hash of all that the episodes depend on besides the region and the seeds."""
+
+
+class OnPolicyData:
+    """Data of which a share is what a region met by itself; the rest comes from ``data``.
+
+    ``inputs`` are the ports of the region. By :meth:`tensors` and :meth:`restore` it outlives an interruption.
+    """
+
+    def __init__(self, data: Data, rollout: Rollout, settings: OnPolicy, inputs: Mapping[str, Port]) -> None:
+        self._data = data
+        self._rollout = rollout
+        self._settings = settings
+        self._inputs = inputs
+        self._visits: list[Mapping[str, Tensor]] = []
+        self._drawn = 0
+        self.fingerprint = rollout.fingerprint()
+
+    def draw(self, batch: int, generator: torch.Generator) -> Mapping[str, Tensor]:
+        """Return numbers (batch, width) by input; a NeuroroboError if the data have an input that the region lacks."""
+        settings = self._settings
+        if self._drawn % settings.every == 0:
+            seeds = torch.randint(*SEEDS, (settings.episodes,), generator=generator).tolist()
+            # copies, as what was computed in inference mode cannot be trained through
+            met = {name: values.clone() for name, values in self._rollout(seeds).items()}
+            self._visits = [*self._visits, met][-settings.keep :]
+        self._drawn += 1
+        count = math.ceil(settings.share * batch)
+        pool = {name: torch.cat([visit[name] for visit in self._visits]) for name in self._inputs}
+        chosen = torch.randint(len(next(iter(pool.values()))), (count,), generator=generator)
+        if count == batch:
+            return {name: values[chosen] for name, values in pool.items()}
+        drawn = self._data.draw(batch - count, generator)
+        for name in drawn.keys() - self._inputs.keys():
+            raise NeuroroboError(
+                f"the training data have `{name}`, which the region has no input for and cannot meet by itself"
+                f"{did_you_mean(name, self._inputs)}; leave it out, or train without `on_policy`"
+            )
+        return {name: torch.cat([self._given(name, drawn, batch - count), pool[name][chosen]]) for name in pool}
+
+    def _given(self, name: str, drawn: Mapping[str, Tensor], batch: int) -> Tensor:
+        """Return what the data have for an input, or its initial value."""
+        if name in drawn:
+            return drawn[name]
+        initial = self._inputs[name].initial
+        if initial is None:
+            raise NeuroroboError(f"the training data have nothing for the input `{name}`{did_you_mean(name, drawn)}")
+        return torch.tensor(initial).expand(batch, -1)
+
+    def tensors(self) -> dict[str, Tensor]:
+        """Return what was met, as named tensors."""
+        return {f"{i}.{name}": values for i, visit in enumerate(self._visits) for name, values in visit.items()}
+
+    def restore(self, tensors: Mapping[str, Tensor], drawn: int) -> None:
+        """Go on after ``drawn`` draws, from tensors of :meth:`tensors`."""
+        visits: dict[int, dict[str, Tensor]] = {}
+        for key, values in tensors.items():
+            number, _, name = key.partition(".")
+            visits.setdefault(int(number), {})[name] = values
+        self._visits = [visits[number] for number in sorted(visits)]
+        self._drawn = drawn
