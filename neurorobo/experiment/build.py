@@ -20,7 +20,8 @@ from neurorobo.learning.phase import DataConfig
 from neurorobo.plugins.imports import import_target
 from neurorobo.regions import RegionConfig
 from neurorobo.regions.region import Region
-from neurorobo.regions.weights import load_weights, pretrained_path
+from neurorobo.regions.weights import load_weights
+from neurorobo.regions.weights_file import pretrained_path
 from neurorobo.tasks import TaskConfig
 from neurorobo.tasks.task import Task
 

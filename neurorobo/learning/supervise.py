@@ -16,7 +16,7 @@ from neurorobo.learning.evaluate import Data, Rates, SideBySide
 from neurorobo.learning.on_policy import OnPolicyData, Rollout
 from neurorobo.learning.phase import SupervisePhase
 from neurorobo.regions.region import Region, constrain
-from neurorobo.regions.weights import signature_hash
+from neurorobo.regions.weights_file import signature_hash
 
 
 @dataclass(frozen=True)

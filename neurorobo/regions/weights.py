@@ -4,32 +4,22 @@ A shipped weight is an integer times a power of two. Sums of such weights over s
 region gives the same spikes whatever the batch, the number of threads or the order of summation.
 """
 
-import hashlib
 import json
 from collections.abc import Mapping
-from importlib import resources
 from pathlib import Path
 
 import torch
-from safetensors import SafetensorError, safe_open
+from safetensors import safe_open
 from safetensors.torch import save
 from torch import Tensor
 
-from neurorobo.clock import Clock
 from neurorobo.errors import NeuroroboError
 from neurorobo.files import write_whole
-from neurorobo.regions.config import RegionConfig
 from neurorobo.regions.region import Region
+from neurorobo.regions.weights_file import check_weights_file, identity
 
-FORMAT = "1"
 GRID_BITS = 10
 """Shipped weights are multiples of 2**-10, unless a tensor is given a grid of its own."""
-
-
-def signature_hash(config: RegionConfig, clock: Clock) -> str:
-    """Return 12 hexadecimal digits of all that trained weights depend on."""
-    text = json.dumps(config.signature(clock), sort_keys=True, separators=(",", ":"))
-    return hashlib.sha256(text.encode()).hexdigest()[:12]
 
 
 def to_grid(tensor: Tensor, bits: int = GRID_BITS) -> Tensor:
@@ -57,8 +47,7 @@ def save_weights(
         tensors[name] = tensor.contiguous()
     metadata = {
         **notes,
-        "format": FORMAT,
-        "signature": signature_hash(region.config, region.clock),
+        **identity(region.config, region.clock),
         "fractional_bits": json.dumps(grids, sort_keys=True),
     }
     write_whole(path, save(tensors, metadata))
@@ -67,32 +56,16 @@ def save_weights(
 def load_weights(region: Region, path: Path) -> dict[str, str]:
     """Fill a region with the weights of a file and return the file's metadata.
 
-    Raises :class:`NeuroroboError` if the file cannot be read, was written by something else, or does not fit the
-    region.
+    Raises :class:`NeuroroboError` as :func:`check_weights_file` does, and if the tensors do not fit the region or are
+    not finite.
     """
-    try:
-        with safe_open(path, framework="pt") as file:
-            metadata = dict(file.metadata() or {})
-            stored = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (not a mapping)
-    except FileNotFoundError:
-        raise NeuroroboError(
-            f"there is no weights file {path}; train the region, or say `weights: pretrained`"
-        ) from None
-    except (SafetensorError, OSError, ValueError) as error:
-        raise NeuroroboError(f"{path} is not a whole safetensors file ({error}); copy or train it again") from None
-    if metadata.get("format") != FORMAT:
-        raise NeuroroboError(f"{path} was not written by neurorobo; give a file written by `neurorobo train`")
+    metadata = check_weights_file(path, region.config, region.clock)
+    with safe_open(path, framework="pt") as file:
+        stored = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 (not a mapping)
     wanted = region.state_dict()
     if faults := _mismatches(wanted, stored):
-        raise NeuroroboError(
-            f"{path} does not fit this region: {'; '.join(faults)}; train the region as it is configured now"
-        )
-    signature = signature_hash(region.config, region.clock)
-    if metadata.get("signature") != signature:
-        raise NeuroroboError(
-            f"{path} was trained for another configuration ({metadata.get('signature')}, wanted {signature}): sizes, "
-            "ranges, window or period differ; use the configuration it was trained for, or train this one"
-        )
+        more = f" and {len(faults) - 1} more" if len(faults) > 1 else ""
+        raise NeuroroboError(f"{faults[0]}{more}: {path} was trained by another version of the region; train it again")
     grids = json.loads(metadata.get("fractional_bits", "{}"))
     values = {
         name: tensor.to(wanted[name].dtype) / 2 ** grids[name] if name in grids else tensor
@@ -106,29 +79,6 @@ def load_weights(region: Region, path: Path) -> dict[str, str]:
         )
     region.load_state_dict({name: tensor.to(wanted[name].dtype) for name, tensor in values.items()})
     return metadata
-
-
-def pretrained_path(config: RegionConfig, clock: Clock) -> Path:
-    """Return the shipped weights file for a configuration, or raise with the list of those there are."""
-    package = config.pretrained_package
-    if package is None:
-        raise NeuroroboError(f"`{config.type}` ships no weights; leave `weights` out, or name a file")
-    folder = Path(str(resources.files(package)))
-    stem = config.type.rpartition(".")[2]
-    path = folder / f"{stem}-{signature_hash(config, clock)}.safetensors"
-    if path.exists():
-        return path
-    there = sorted(folder.glob(f"{stem}-*.safetensors"))
-    cards = [f"{file.name} ({_note(file)})" for file in there]
-    raise NeuroroboError(
-        f"no shipped weights fit this `{config.type}` ({path.name} is wanted); "
-        f"there are: {', '.join(cards) or 'none'}; use one of their configurations, or train this one"
-    )
-
-
-def _note(path: Path) -> str:
-    with safe_open(path, framework="pt") as file:
-        return str((file.metadata() or {}).get("for", "no note"))
 
 
 def _smallest_integers(name: str, tensor: Tensor) -> Tensor:

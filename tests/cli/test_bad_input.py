@@ -174,7 +174,7 @@ def save(file: Path, neurons: int) -> None:
     save_weights(Echo(config, Clock({"control": 10**9}, 10**6, 50), torch.Generator()), file, {})
 
 
-def test_weights_of_the_wrong_shape(
+def test_weights_of_another_configuration(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     save(tmp_path / "w.safetensors", neurons=9)
@@ -183,8 +183,8 @@ def test_weights_of_the_wrong_shape(
     code, message = call(capsys, monkeypatch, "run", str(file), "--out", str(tmp_path / "out"))
     assert code == 2
     assert message == (
-        f"{file}:6:42: regions.left.weights: {tmp_path / 'w.safetensors'} does not fit this region: "
-        "`layer.projections.0.weight` is (9, 9), wanted (8, 8); train the region as it is configured now\n"
+        f"{file}:6:42: regions.left.weights: trained for `neurons: 9`, not `neurons: 8`: "
+        f"{tmp_path / 'w.safetensors'}; use the configuration it was trained for, or train this one\n"
     )
 
 

@@ -18,7 +18,7 @@ from neurorobo.errors import ConfigError
 from neurorobo.learning.evaluate import evaluate
 from neurorobo.learning.phase import SupervisePhase
 from neurorobo.learning.supervise import supervise
-from neurorobo.regions.weights import signature_hash
+from neurorobo.regions.weights_file import signature_hash
 
 SMALL = {"granule_cells": 80, "purkinje_cells": 40}
 PERIODS_MS = (1000, 200, 50)

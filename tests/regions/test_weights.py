@@ -3,6 +3,7 @@
 import json
 from collections.abc import Callable
 from pathlib import Path
+from typing import Literal
 
 import pytest
 import torch
@@ -11,13 +12,8 @@ from safetensors.torch import save_file
 
 from neurorobo.clock import Clock
 from neurorobo.errors import NeuroroboError
-from neurorobo.regions.weights import (
-    load_weights,
-    pretrained_path,
-    save_weights,
-    signature_hash,
-    to_grid,
-)
+from neurorobo.regions.weights import load_weights, save_weights, to_grid
+from neurorobo.regions.weights_file import pretrained_path, signature_hash
 from tests.regions.toys import CLOCK, MS, Net, NetConfig, net
 
 
@@ -114,8 +110,24 @@ def absent(path: Path) -> None:
     pass
 
 
+def a_link_to_itself(path: Path) -> None:
+    path.symlink_to(path)
+
+
 def of_another_shape(path: Path) -> None:
     save_weights(net(config=NetConfig(hidden=11)), path, {})
+
+
+def of_another_region(path: Path) -> None:
+    save_weights(net(config=OtherConfig(hidden=11)), path, {})
+
+
+def with_the_hash_of_another(path: Path) -> None:
+    of_another_shape(path)
+    with safe_open(path, framework="pt") as file:
+        tensors, metadata = {name: file.get_tensor(name) for name in file.keys()}, file.metadata()  # noqa: SIM118
+    del metadata["configuration"]
+    save_file(tensors, path, metadata)
 
 
 def not_numbers(path: Path) -> None:
@@ -133,6 +145,10 @@ def with_a_tensor_more(path: Path) -> None:
     rewrite(path, lambda tensors: tensors.update(bias=torch.zeros(3)))
 
 
+def with_other_tensors(path: Path) -> None:
+    rewrite(path, lambda tensors: tensors.update(bias=tensors.pop("hidden.threshold")))
+
+
 def rewrite(path: Path, change: Callable[[dict[str, torch.Tensor]], object]) -> None:
     save_weights(net(), path, {})
     with safe_open(path, framework="pt") as file:
@@ -146,15 +162,19 @@ def rewrite(path: Path, change: Callable[[dict[str, torch.Tensor]], object]) -> 
     ("spoil", "words"),
     [
         (absent, "there is no weights file"),
-        (a_folder, "is not a whole safetensors file"),
+        (a_folder, "cannot be read (Is a directory); make it readable"),
+        (a_link_to_itself, "cannot be read (Too many levels of symbolic links); make it readable"),
         (text, "is not a whole safetensors file"),
         (empty, "is not a whole safetensors file"),
         (truncated, "is not a whole safetensors file"),
         (foreign, "was not written by neurorobo"),
         (without_metadata, "was not written by neurorobo"),
-        (of_another_shape, "`hidden.recurrent.weight` is (11, 11), wanted (10, 10)"),
-        (with_a_tensor_less, "`hidden.threshold` is missing"),
-        (with_a_tensor_more, "`bias` is unknown"),
+        (of_another_shape, "trained for `hidden: 11`, not `hidden: 10`: "),
+        (of_another_region, 'trained for `type: "toy.other"`, not `type: "toy.net"`: '),
+        (with_the_hash_of_another, "trained for another configuration ("),
+        (with_a_tensor_less, "`hidden.threshold` is missing: "),
+        (with_a_tensor_more, "`bias` is unknown: "),
+        (with_other_tensors, "`hidden.threshold` is missing and 1 more: "),
         (not_numbers, "holds weights that are not numbers, in hidden.recurrent.weight"),
     ],
 )
@@ -187,6 +207,12 @@ def test_the_signature_tells_apart_what_trained_weights_depend_on() -> None:
 def test_a_region_that_ships_no_weights_says_so() -> None:
     with pytest.raises(NeuroroboError, match=r"`toy\.net` ships no weights"):
         pretrained_path(NetConfig(), CLOCK)
+
+
+class OtherConfig(NetConfig):
+    """Of another type."""
+
+    type: Literal["toy.other"] = "toy.other"  # type: ignore[assignment]
 
 
 class ShippedConfig(NetConfig):

@@ -25,7 +25,8 @@ from neurorobo.learning.evaluate import evaluate
 from neurorobo.learning.phase import SupervisePhase
 from neurorobo.plugins import Registry
 from neurorobo.regions.region import Region
-from neurorobo.regions.weights import GRID_BITS, load_weights, save_weights, signature_hash
+from neurorobo.regions.weights import GRID_BITS, load_weights, save_weights
+from neurorobo.regions.weights_file import signature_hash
 
 WEIGHTS = Path(__file__).resolve().parents[1] / "precision_interaction" / "weights"
 LARGE = 1_000_000
