@@ -22,10 +22,11 @@ import torch
 from numpy.typing import NDArray
 
 from neurorobo.config.experiment import Experiment, load_experiment
-from neurorobo.experiment.build import build_brain, build_task, weights_file
+from neurorobo.experiment.build import build_brain, build_task
 from neurorobo.experiment.closed_loop import run_episodes
 from neurorobo.experiment.recorder import Recorder, Sample, Setting
 from neurorobo.experiment.summary import summarise
+from neurorobo.experiment.weights import weights_file
 
 ROOT = Path(__file__).resolve().parents[2]
 LATEST = Path(__file__).with_name("latest.json")
@@ -136,7 +137,7 @@ def measure(row: Row, seeds: Sequence[int] = SEEDS) -> dict[str, Any]:
 
 def fingerprints(experiment: Experiment) -> dict[str, str]:
     """Return the SHA-256 of every weights file of an experiment."""
-    files = {name: weights_file(config, experiment) for name, config in experiment.regions.items() if config.weights}
+    files = {name: weights_file(name, experiment) for name, config in experiment.regions.items() if config.weights}
     return {name: hashlib.sha256(file.read_bytes()).hexdigest() for name, file in files.items()}
 
 

@@ -18,10 +18,11 @@ import torch
 from torch import Tensor
 
 from neurorobo.config.experiment import Experiment, load_experiment
-from neurorobo.experiment.build import build_brain, build_region, build_task, weights_file
+from neurorobo.experiment.build import build_brain, build_region, build_task
 from neurorobo.experiment.closed_loop import run_episodes
 from neurorobo.experiment.lessons import read_lessons
 from neurorobo.experiment.recorder import Recorder, Sample, Setting
+from neurorobo.experiment.weights import weights_file
 from neurorobo.graph.brain import Brain
 from neurorobo.learning.phase import SupervisePhase
 from neurorobo.plugins import Registry
@@ -194,7 +195,7 @@ def main() -> int:
     arguments = parser.parse_args()
     experiment = load_experiment(ROOT / "examples" / "peg_in_hole.yaml")
     measured = measure(experiment, states=arguments.states, seeds=range(1000, 1000 + arguments.episodes))
-    weights = weights_file(experiment.regions[REGION], experiment)
+    weights = weights_file(REGION, experiment)
     about = {
         "command": "python benchmarks/assembly/planner_accuracy.py",
         "config_hash": experiment.config_hash,

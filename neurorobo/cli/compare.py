@@ -42,23 +42,28 @@ def compare(
     Each experiment gets a run folder of its own; if you stop, give the folders of those that are finished in place of
     their files.
     """
-    import torch
-
     from neurorobo.config.experiment import load_experiment
     from neurorobo.errors import NeuroroboError
-    from neurorobo.experiment.run import run_experiment
+    from neurorobo.experiment.plan import build_plan
     from neurorobo.experiment.run_folder import RunFolder
+    from neurorobo.experiment.weights import check_weights
     from neurorobo.plugins import Registry
-    from neurorobo.views.progress import RunProgress
 
-    torch.set_num_threads(1)  # as for a run
     registry = Registry.discover()
     names = [str(file) if file.is_dir() else file.stem for file in files] + list(variants)
     if twice := {name for name in names if names.count(name) > 1}:
         raise NeuroroboError(f"two columns would be called `{twice.pop()}`; give files of different names")
     experiments = {file.stem: load_experiment(file, overrides, registry) for file in files if not file.is_dir()}
     experiments |= {change: load_experiment(files[0], (*overrides, change), registry) for change in variants}
+    for experiment in experiments.values():
+        check_weights(experiment, build_plan(experiment))  # all that can be told before the slow imports
     summaries = {str(file): RunFolder(file).summary() for file in files if file.is_dir()}
+    import torch
+
+    from neurorobo.experiment.run import run_experiment
+    from neurorobo.views.progress import RunProgress
+
+    torch.set_num_threads(1)  # as for a run
     for name, experiment in experiments.items():
         first = experiment.seed if seed is None else seed
         folder = None if out is None else out / name.replace("/", "_")

@@ -12,23 +12,29 @@ from neurorobo.cli.options import file_argument, json_option, overrides_option
 @click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path, dir_okay=False))
 @overrides_option
 def validate(files: tuple[Path, ...], overrides: tuple[str, ...]) -> None:
-    """Check experiment files and report every fault with its line."""
+    """Check experiment files, and the weights that they name, and report every fault with its line."""
     from neurorobo.config.experiment import load_experiment
     from neurorobo.errors import NeuroroboError
     from neurorobo.experiment.lessons import read_lessons
     from neurorobo.experiment.plan import build_plan
+    from neurorobo.experiment.weights import check_weights
     from neurorobo.plugins import Registry
 
     registry = Registry.discover()
-    faults = []
+    faults: list[str] = []
     for file in files:
+        before = len(faults)
         try:
             experiment = load_experiment(file, overrides, registry)
-            build_plan(experiment)
+            plan = build_plan(experiment)
+            try:
+                check_weights(experiment, plan)
+            except NeuroroboError as error:
+                faults.append(str(error))
             read_lessons(experiment, registry)
         except NeuroroboError as error:
             faults.append(str(error))
-        else:
+        if len(faults) == before:
             click.echo(f"{file}: ok")
     if faults:
         raise NeuroroboError("\n".join(faults))

@@ -33,17 +33,21 @@ def run(
     as_json: bool,
 ) -> None:
     """Run the experiment FILE and write a run folder."""
+    from neurorobo.config.experiment import load_experiment
+    from neurorobo.experiment.plan import build_plan
+    from neurorobo.experiment.weights import check_weights
+    from neurorobo.plugins import Registry
+
+    registry = Registry.discover()
+    experiment = load_experiment(file, overrides, registry)
+    check_weights(experiment, build_plan(experiment))  # all that can be told before the slow imports
     import torch
 
-    from neurorobo.config.experiment import load_experiment
     from neurorobo.experiment.run import run_experiment
-    from neurorobo.plugins import Registry
     from neurorobo.views.progress import RunProgress
 
     # A second thread gains little in a control loop, and a busy neighbour turns it into a loss.
     torch.set_num_threads(1)
-    registry = Registry.discover()
-    experiment = load_experiment(file, overrides, registry)
     first = experiment.seed if seed is None else seed
     with RunProgress() as progress:
         seeds = range(first, first + episodes)

@@ -22,22 +22,23 @@ def train(file: Path, overrides: tuple[str, ...], only: tuple[str, ...], threads
 
     The same command goes on where it was stopped; Ctrl-C loses nothing.
     """
-    import torch
-
     from neurorobo.config.experiment import load_experiment
     from neurorobo.errors import NeuroroboError
     from neurorobo.experiment.lessons import read_lessons
     from neurorobo.experiment.plan import build_plan
-    from neurorobo.experiment.train import train_experiment
     from neurorobo.plugins import Registry
-    from neurorobo.views.progress import training_progress
 
     registry = Registry.discover()
     experiment = load_experiment(file, overrides, registry)
-    build_plan(experiment)  # a file is trained whole, or refused as `validate` refuses it
+    build_plan(experiment)  # a file is trained whole, or refused as `validate` refuses it, but for the weights
     lessons = read_lessons(experiment, registry)
     if not lessons:
         raise NeuroroboError(f"{file} has no `train` phases; add some, as the guide to training shows")
+    import torch
+
+    from neurorobo.experiment.train import train_experiment
+    from neurorobo.views.progress import training_progress
+
     torch.set_num_threads(threads)
     folder = out or Path("runs") / experiment.name / f"training-{experiment.config_hash[:8]}"
     with training_progress() as show:

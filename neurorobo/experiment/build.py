@@ -3,7 +3,6 @@
 import hashlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
@@ -14,6 +13,7 @@ from neurorobo.config.experiment import Experiment
 from neurorobo.config.faults import raise_faults
 from neurorobo.errors import ConfigError, Fault, NeuroroboError
 from neurorobo.experiment.plan import build_plan
+from neurorobo.experiment.weights import weights_file
 from neurorobo.graph.brain import Brain
 from neurorobo.graph.plan import Plan
 from neurorobo.learning.phase import DataConfig
@@ -21,7 +21,6 @@ from neurorobo.plugins.imports import import_target
 from neurorobo.regions import RegionConfig
 from neurorobo.regions.region import Region
 from neurorobo.regions.weights import load_weights
-from neurorobo.regions.weights_file import pretrained_path
 from neurorobo.tasks import TaskConfig
 from neurorobo.tasks.task import Task
 
@@ -65,7 +64,7 @@ def build_brain(
             regions[name] = build_region(config, experiment, _generator(experiment.seed, name)).eval()
         if name in regions and config.weights is not None:
             with noting(faults, "regions", name, "weights"):
-                load_weights(regions[name], weights_file(config, experiment))
+                load_weights(regions[name], weights_file(name, experiment))
     raise_faults(experiment.document, faults)
     return Brain(plan, regions)
 
@@ -94,13 +93,6 @@ def noting(faults: list[Fault], *path: str | int) -> Iterator[None]:
         faults += error.under(*path).faults
     except NeuroroboError as error:
         faults.append(Fault(path, str(error)))
-
-
-def weights_file(config: RegionConfig, experiment: Experiment) -> Path:
-    """Return the file that ``weights`` means: a shipped one, or a path from the folder of the experiment's file."""
-    if config.weights == "pretrained":
-        return pretrained_path(config, experiment.clock)
-    return (Path(experiment.document.source).parent / Path(config.weights or "").expanduser()).resolve()
 
 
 def untrained(experiment: Experiment, plan: Plan) -> Iterator[str]:

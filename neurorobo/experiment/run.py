@@ -10,12 +10,13 @@ from typing import Any
 from neurorobo.config.document import dump
 from neurorobo.config.experiment import Experiment
 from neurorobo.errors import NeuroroboError
-from neurorobo.experiment.build import build_brain, build_task, untrained, weights_file
+from neurorobo.experiment.build import build_brain, build_task, untrained
 from neurorobo.experiment.closed_loop import run_episodes
 from neurorobo.experiment.plan import build_plan
 from neurorobo.experiment.recorder import Recorder, Setting
 from neurorobo.experiment.run_folder import RunFolder, new_folder_path
 from neurorobo.experiment.summary import summarise
+from neurorobo.experiment.weights import weights_file
 from neurorobo.files import writing
 from neurorobo.graph.plan import Plan
 from neurorobo.plugins import Registry
@@ -122,12 +123,12 @@ def _resolved(experiment: Experiment) -> dict[str, Any]:
     resolved = experiment.resolved()
     for name, config in experiment.regions.items():
         if config.weights not in (None, "pretrained"):
-            resolved["regions"][name]["weights"] = str(weights_file(config, experiment))
+            resolved["regions"][name]["weights"] = str(weights_file(name, experiment))
     return resolved
 
 
 def _fingerprints(experiment: Experiment, plan: Plan) -> dict[str, str]:
     """Return the SHA-256 of the weights file of each region in use, so that it can be known again."""
     used = {use.region: experiment.regions[use.region] for use in plan.uses()}
-    files = {name: weights_file(config, experiment) for name, config in used.items() if config.weights}
+    files = {name: weights_file(name, experiment) for name, config in used.items() if config.weights}
     return {name: hashlib.sha256(file.read_bytes()).hexdigest() for name, file in files.items()}

@@ -1,6 +1,7 @@
 """Bad input ends in one clear message, with file, line, column, fault and cure, and exit code 2."""
 
 import re
+import subprocess
 import sys
 from pathlib import Path
 
@@ -188,6 +189,70 @@ def test_weights_of_another_configuration(
     )
 
 
+WEIGHTS = """\
+neurorobo: 1
+name: tiny
+time: {control: 1 s}
+episode: {duration: 2 s}
+regions:
+  absent: {type: minimal.echo, weights: none.safetensors}
+  other: {type: minimal.echo, neurons: 8, weights: nine.safetensors}
+  shipped: {type: precision.hippocampus, period: control, hidden_neurons: 3, weights: pretrained}
+  spare: {type: minimal.echo, weights: none.safetensors}
+steps:
+  - a: {use: absent}
+  - b: {use: other}
+  - c: {use: shipped}
+train:
+  - {phase: supervise, region: othre, teacher: precision.law, data: precision.insertion_speeds, loss: {said: 1 Hz}, steps: 3}
+"""  # noqa: E501
+
+
+def test_validate_tells_all_weights_that_a_run_could_not_use(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    save(tmp_path / "nine.safetensors", neurons=9)
+    file = tmp_path / "x.yaml"
+    file.write_text(WEIGHTS)
+    code, message = call(capsys, monkeypatch, "validate", str(file))
+    assert code == 2
+    absent, other, shipped, training = message.splitlines()
+    assert absent.startswith(f"{file}:6:32: regions.absent.weights: there is no weights file {tmp_path}/none.safe")
+    assert other.startswith(f"{file}:7:43: regions.other.weights: trained for `neurons: 9`, not `neurons: 8`: ")
+    assert shipped.startswith(f"{file}:8:78: regions.shipped.weights: no shipped weights fit this `precision.hippo")
+    assert training.startswith(f"{file}:15:24: train.0.region: there is no region `othre`; did you mean `other`?")
+
+
+FAULTY = {
+    "an unknown key": GOOD.replace("episode:", "episod:"),
+    "a wrong wire": GOOD.replace("heard: a.said", "heard: c.mean"),
+    "no weights": WEIGHTS.partition("train:")[0],
+}
+
+
+@pytest.mark.parametrize(
+    ("command", "fault"),
+    [
+        (command, fault)
+        for command in ("validate", "run", "compare", "train")
+        for fault in FAULTY
+        if (command, fault) != ("train", "no weights")  # they are to be trained
+    ],
+)
+def test_what_needs_no_torch_is_told_without_waiting_for_it(tmp_path: Path, command: str, fault: str) -> None:
+    (tmp_path / "x.yaml").write_text(FAULTY[fault])
+    code = (
+        "import sys\nfrom neurorobo.cli.main import main\n"
+        f"sys.argv = ['neurorobo', '{command}', 'x.yaml']\n"
+        "try:\n    main()\n"
+        "except SystemExit as ended:\n    sys.exit(100 if 'torch' in sys.modules else ended.code)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 2, done.stderr
+    assert done.stderr.startswith("x.yaml:")
+    assert [path.name for path in tmp_path.iterdir()] == ["x.yaml"]
+
+
 @pytest.mark.parametrize(
     ("plugin", "words"),
     [
@@ -249,8 +314,6 @@ def test_a_place_that_cannot_be_written_is_named_before_the_work(
 
 
 def test_help_is_quick_to_import() -> None:
-    import subprocess
-
     code = (
         "import sys\nfrom neurorobo.cli.main import cli\n"
         "cli.main(['--help'], standalone_mode=False)\n"

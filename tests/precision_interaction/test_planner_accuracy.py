@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from neurorobo.config.experiment import Experiment, load_experiment
-from neurorobo.experiment.build import weights_file
+from neurorobo.experiment.weights import weights_file
 
 PROJECT = Path(__file__).parents[2]
 FOLDER = PROJECT / "benchmarks" / "assembly"
@@ -55,6 +55,6 @@ def test_a_planner_that_errs_is_reported(benchmark: dict[str, Any]) -> None:
 
 def test_the_published_errors_belong_to_the_shipped_weights(experiment: Experiment) -> None:
     published = json.loads((FOLDER / "planner_accuracy.json").read_text())
-    weights = weights_file(experiment.regions["prefrontal_cortex"], experiment)
+    weights = weights_file("prefrontal_cortex", experiment)
     assert published["weights_sha256"] == hashlib.sha256(weights.read_bytes()).hexdigest(), published["command"]
     assert published["config_hash"] == experiment.config_hash, published["command"]

@@ -10,9 +10,10 @@ import torch
 from torch import Tensor, nn
 
 from neurorobo.config.experiment import Experiment, load_experiment
-from neurorobo.experiment.build import build, build_brain, build_region, build_task, weights_file
+from neurorobo.experiment.build import build, build_brain, build_region, build_task
 from neurorobo.experiment.closed_loop import run_episodes
 from neurorobo.experiment.lessons import read_lessons
+from neurorobo.experiment.weights import weights_file
 from neurorobo.graph.brain import Brain
 from neurorobo.learning.evaluate import Evaluation, evaluate
 from neurorobo.plugins import Registry
@@ -54,9 +55,9 @@ def brain() -> Brain:
 
 def test_each_set_has_a_cerebellum_of_its_own_and_each_shipped_file_is_used() -> None:
     used = {
-        weights_file(config, experiment)
+        weights_file(name, experiment)
         for experiment in (experiment_of(*each) for each in SETS)
-        for config in experiment.regions.values()
+        for name, config in experiment.regions.items()
         if config.weights
     }
     (folder,) = {file.parent for file in used}

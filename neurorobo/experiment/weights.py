@@ -1,0 +1,30 @@
+"""The weights files that an experiment names: found, and checked without building a network."""
+
+from pathlib import Path
+
+from neurorobo.config.experiment import Experiment
+from neurorobo.config.faults import raise_faults
+from neurorobo.errors import Fault, NeuroroboError
+from neurorobo.graph.plan import Plan
+from neurorobo.regions.weights_file import check_weights_file, pretrained_path
+
+
+def weights_file(name: str, experiment: Experiment) -> Path:
+    """Return the file that the ``weights`` of a region mean: a shipped one, or a path from the experiment's file."""
+    config = experiment.regions[name]
+    if config.weights == "pretrained":
+        return pretrained_path(config, experiment.clock)
+    return (Path(experiment.document.source).parent / Path(config.weights or "").expanduser()).resolve()
+
+
+def check_weights(experiment: Experiment, plan: Plan) -> None:
+    """Check the weights of the regions that the steps use; a ConfigError has the place of every file that cannot be."""
+    faults = []
+    for name in dict.fromkeys(use.region for use in plan.uses()):
+        config = experiment.regions[name]
+        if config.weights is not None:
+            try:
+                check_weights_file(weights_file(name, experiment), config, experiment.clock)
+            except NeuroroboError as error:
+                faults.append(Fault(("regions", name, "weights"), str(error)))
+    raise_faults(experiment.document, faults)
