@@ -42,6 +42,10 @@ class Document:
         line, column = self.mark(path)
         return f"{self.source}:{line}:{column}"
 
+    def folder(self, path: DocumentPath) -> Path:
+        """Return what a relative path at ``path`` starts from: the file's folder, or where an override was typed."""
+        return Path(self.source).parent if self._override(path) is None else Path.cwd()
+
     def order(self, path: DocumentPath) -> tuple[int, int, int]:
         """Return a key that sorts faults by their place, the overrides' last."""
         index = self._override(path)

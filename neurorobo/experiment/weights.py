@@ -10,11 +10,12 @@ from neurorobo.regions.weights_file import check_weights_file, pretrained_path
 
 
 def weights_file(name: str, experiment: Experiment) -> Path:
-    """Return the file that the ``weights`` of a region mean: a shipped one, or a path from the experiment's file."""
+    """Return the file that the ``weights`` of a region mean: a shipped one, or a path from where it was written."""
     config = experiment.regions[name]
     if config.weights == "pretrained":
         return pretrained_path(config, experiment.clock)
-    return (Path(experiment.document.source).parent / Path(config.weights or "").expanduser()).resolve()
+    folder = experiment.document.folder(("regions", name, "weights"))
+    return (folder / Path(config.weights or "").expanduser()).resolve()
 
 
 def check_weights(experiment: Experiment, plan: Plan) -> None:

@@ -16,6 +16,7 @@ from neurorobo.experiment import run as run_module
 from neurorobo.experiment.build import build_brain
 from neurorobo.experiment.run import FinishedRun, run_experiment
 from neurorobo.experiment.run_folder import RunFolder, new_folder_path
+from neurorobo.experiment.weights import weights_file
 from neurorobo.regions.weights import save_weights
 from tests.experiment.toys import CART, Notes, registry
 from tests.regions.toys import net
@@ -191,6 +192,27 @@ def test_a_run_remembers_which_weights_it_used_and_finds_them_beside_its_file(tm
     fresh = run(tmp_path / "fresh")
     rates = [summary["aggregate"]["firing_rate.watcher"]["mean"] for summary in (trained.summary, fresh.summary)]
     assert rates[0] != rates[1]
+
+
+@pytest.mark.parametrize(
+    ("overrides", "folder"),
+    [
+        ((), "file"),
+        (("regions.driver.gain=3",), "file"),
+        (("regions.watcher.weights=net.safetensors",), "typed"),
+        (("regions.watcher={type: toy.net, weights: net.safetensors}",), "typed"),
+    ],
+)
+def test_weights_are_found_from_the_file_that_names_them_or_from_where_an_override_is_typed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, overrides: Sequence[str], folder: str
+) -> None:
+    for name in ("file", "typed"):
+        (tmp_path / name).mkdir()
+    file = tmp_path / "file" / "cart.yaml"
+    file.write_text(CART.replace("{type: toy.net}", "{type: toy.net, weights: net.safetensors}"))
+    monkeypatch.chdir(tmp_path / "typed")
+    experiment = load_experiment(file, overrides, registry())
+    assert weights_file("watcher", experiment) == tmp_path / folder / "net.safetensors"
 
 
 def test_the_summary_is_plain_json(tmp_path: Path) -> None:
