@@ -9,6 +9,7 @@ from typing import Any
 
 from neurorobo.config.document import dump
 from neurorobo.config.experiment import Experiment
+from neurorobo.engine import engine_path
 from neurorobo.errors import NeuroroboError
 from neurorobo.experiment.build import build_brain, build_task, untrained
 from neurorobo.experiment.closed_loop import run_episodes
@@ -51,11 +52,13 @@ def run_experiment(
     ``progress`` is told each tick and how many still run. An interrupted run keeps what was recorded; its ``run.json``
     says ``interrupted``. Raises ConfigError for what cannot be built, NeuroroboError for what cannot be written.
     """
+    engine_path()  # the environment may ask for what there is not; only what can be run gets a folder
     plan = build_plan(experiment)
     brain = build_brain(experiment, plan)
     for name in untrained(experiment, plan):
         print(f"note: the region `{name}` has no `weights`; it runs with fresh ones", file=sys.stderr)
     task = build_task(experiment)
+    recorder_types = [registry.get("recorder", name) for name in (experiment.record if record is None else record)]
     path = out or new_folder_path(Path("runs"), experiment.name, experiment.config_hash)
     folder = RunFolder.create(
         path,
@@ -70,8 +73,8 @@ def run_experiment(
     try:
         registry.call("neurorobo_run_started", folder=path)
         setting = Setting(path, experiment.name, plan, seeds, task)
-        for name in experiment.record if record is None else record:
-            recorders.append(registry.get("recorder", name)(setting))
+        for recorder_type in recorder_types:
+            recorders.append(recorder_type(setting))
         results = []
         for start in range(0, len(seeds), LARGEST_BATCH):
             batch = seeds[start : start + LARGEST_BATCH]

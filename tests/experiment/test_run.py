@@ -14,10 +14,12 @@ from neurorobo.config.experiment import load_experiment
 from neurorobo.errors import ConfigError, NeuroroboError
 from neurorobo.experiment import run as run_module
 from neurorobo.experiment.build import build_brain
+from neurorobo.experiment.recorder import Setting
 from neurorobo.experiment.run import FinishedRun, run_experiment
 from neurorobo.experiment.run_folder import RunFolder, new_folder_path
 from neurorobo.experiment.weights import weights_file
 from neurorobo.regions.weights import save_weights
+from tests.engine.paths import engine
 from tests.experiment.toys import CART, Notes, registry
 from tests.regions.toys import net
 
@@ -249,10 +251,26 @@ def test_a_recorder_that_fails_last_does_not_hide_why_the_run_did(
     assert table(tmp_path).num_rows > 0
 
 
+class Unmade(Notes):
+    """Cannot be made."""
+
+    def __init__(self, setting: Setting) -> None:
+        raise ZeroDivisionError
+
+
 def test_a_run_whose_recorder_cannot_be_made_does_not_stay_running(tmp_path: Path) -> None:
+    with pytest.raises(ZeroDivisionError):
+        run(tmp_path, record=["toy.unmade"])
+    assert RunFolder(tmp_path / "out").run()["status"] == "failed"
+
+
+def test_a_run_that_cannot_begin_leaves_no_folder_in_the_way_of_the_next(tmp_path: Path) -> None:
     with pytest.raises(NeuroroboError, match=r"unknown recorder `toy.tape`"):
         run(tmp_path, record=["toy.tape"])
-    assert RunFolder(tmp_path / "out").run()["status"] == "failed"
+    with engine("nonsense"), pytest.raises(NeuroroboError, match=r"NEUROROBO_ENGINE is .*, not 'nonsense'"):
+        run(tmp_path)
+    assert not (tmp_path / "out").exists()
+    assert run(tmp_path).folder.run()["status"] == "finished"
 
 
 def test_a_full_disk_does_not_hide_why_a_run_failed(

@@ -180,6 +180,7 @@ class Plugin:
         registry.add("task", "toy.reach", "tests.tasks.toys:ReachConfig")
         registry.add("recorder", "toy.impatient", "tests.experiment.toys:Impatient")
         registry.add("recorder", "toy.greedy", "tests.experiment.test_run:Greedy")
+        registry.add("recorder", "toy.unmade", "tests.experiment.test_run:Unmade")
         registry.add("recorder", "toy.clumsy", "tests.experiment.toys:Clumsy")
 
 
