@@ -25,7 +25,7 @@ json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON i
 seed_option = click.option(
     "--seed",
     type=click.IntRange(0, LARGEST_SEED),
-    help="Seed of the first episode; the next ones follow on. Default: the file's.",
+    help="Seed of the first episode; the next ones follow on. Default: the file's, which also draws untrained weights.",
 )
 out_option = click.option(
     "--out",

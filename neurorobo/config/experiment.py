@@ -180,7 +180,7 @@ class Experiment(_Strict):
     neurorobo: Literal[1] = Field(description="The version of the file format.")
     name: Annotated[str, AfterValidator(_file_name)] = Field(description="Names the run folder.")
     seed: int = Field(
-        default=0, ge=0, le=LARGEST_SEED, strict=True, description="All randomness of a run comes from it."
+        default=0, ge=0, le=LARGEST_SEED, strict=True, description="Draws the first episode and untrained weights."
     )
     clock: Annotated[Clock, PlainValidator(_read_clock), PlainSerializer(Clock.to_config)] = Field(
         alias="time", description="The periods of the steps, and the spike window of one use."

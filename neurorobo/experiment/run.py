@@ -26,6 +26,8 @@ from neurorobo.plugins.imports import described
 LARGEST_BATCH = 100
 """Episodes run side by side; more of them follow in further batches, to bound the memory."""
 
+SEEDS_NOTE = "# The seeds of the episodes are in run.json; `seed` is the file's, which draws untrained weights.\n"
+
 
 @dataclass(frozen=True)
 class FinishedRun:
@@ -63,7 +65,7 @@ def run_experiment(
     folder = RunFolder.create(
         path,
         given=experiment.document.text,
-        resolved=dump(_resolved(experiment)),
+        resolved=SEEDS_NOTE + dump(_resolved(experiment)),
         seeds=seeds,
         command=command,
         weights=_fingerprints(experiment, plan),

@@ -72,6 +72,14 @@ def test_the_resolved_configuration_gives_the_same_run_again(tmp_path: Path) -> 
     assert (again / "out" / "config.resolved.yaml").read_text() == resolved
 
 
+def test_the_resolved_configuration_says_where_the_seeds_of_the_episodes_are(tmp_path: Path) -> None:
+    run(tmp_path, seeds=(3, 4))  # the file says 7, which drew the weights of the watcher
+    note, content = (tmp_path / "out" / "config.resolved.yaml").read_text().split("\n", 1)
+    assert note.startswith("# The seeds of the episodes are in run.json; ")
+    assert "seed: 7\n" in content
+    assert RunFolder(tmp_path / "out").run()["seeds"] == [3, 4]
+
+
 def test_the_trajectory_has_a_row_per_episode_and_tick_with_units_and_gaps(tmp_path: Path) -> None:
     finished = run(tmp_path)
     trajectory = table(tmp_path)
