@@ -35,12 +35,13 @@ class Document:
         return self.marks[path]
 
     def place(self, path: DocumentPath) -> str:
-        """Return ``file:line:column``, or the override that set the value at ``path``."""
+        """Return ``file:line:column``, with the overrides that changed a part of it, or the one that set it all."""
         index = self._override(path)
         if index is not None:
             return f"--set {self.overrides[index][1]}"
         line, column = self.mark(path)
-        return f"{self.source}:{line}:{column}"
+        changed = {place: text for place, text in self.overrides if place[: len(path)] == path}
+        return f"{self.source}:{line}:{column}" + "".join(f" with --set {text}" for text in changed.values())
 
     def folder(self, path: DocumentPath) -> Path:
         """Return what a relative path at ``path`` starts from: the file's folder, or where an override was typed."""
@@ -56,10 +57,11 @@ class Document:
         return replace(self, value=value, overrides=(*self.overrides, (path, text)))
 
     def _override(self, path: DocumentPath) -> int | None:
-        """Return which override set what lies at a path or, if the file has nothing there, a part of it."""
+        """Return which override set what lies at a path or, where the file has nothing, a part of it or beside it."""
         set_it = [index for index, (place, _) in enumerate(self.overrides) if path[: len(place)] == place]
-        if not set_it and path not in self.marks:
+        while not set_it and path not in self.marks:
             set_it = [index for index, (place, _) in enumerate(self.overrides) if place[: len(path)] == path]
+            path = path[:-1]
         return set_it[-1] if set_it else None
 
 

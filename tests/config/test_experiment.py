@@ -150,6 +150,21 @@ def test_overrides_are_validated_like_the_file(load: Load, faults: Faults) -> No
     ]
 
 
+def test_a_fault_of_the_file_names_the_overrides_that_may_have_caused_it(faults: Faults) -> None:
+    assert faults(GOOD, "regions.cortex.size=13") == [
+        "x.yaml:9:3 with --set regions.cortex.size=13: regions.cortex: "
+        "13 neurons bring bad luck; take 12 (got a mapping)"
+    ]
+    assert faults(GOOD, "task=", "seed=3") == [
+        "--set task=: task: is missing; a body needs a task, which says when an episode ends"
+    ]
+    assert faults(GOOD.replace("size: 3, ", ""), "body.type=zoo.rigg", "seed=3") == [
+        "x.yaml:9:3: regions.cortex.size: is missing",
+        "--set body.type=zoo.rigg: body.type: unknown body `zoo.rigg`; did you mean `zoo.rig`?",
+        "note: the file was read with --set seed=3, which may be the cause",
+    ]
+
+
 @pytest.mark.parametrize(
     ("old", "new", "line"),
     [

@@ -70,7 +70,17 @@ def test_the_place_of_what_an_override_set_is_the_override() -> None:
     assert document.place(("train", 0, "epochs")) == "--set train.0.epochs=2"
     assert document.place(("train", 0, "phase")) == "--set train.0={phase: c}"
     assert document.place(("train", 1)) == "x.yaml:5:5"
-    assert document.place(("train",)) == "x.yaml:3:1"
+    assert document.place(("seed",)) == "x.yaml:2:1"
+
+
+def test_the_place_of_what_overrides_have_changed_in_part_names_them_too() -> None:
+    overrides = ["train.0.epochs=2", "train.0.epochs=3", "train.1.phase=c", "new.deep.key=1"]
+    document = apply_overrides(parse_document(TEXT, "x.yaml"), overrides)
+    assert document.place(("train", 0)) == "x.yaml:4:5 with --set train.0.epochs=3"
+    assert document.place(("train",)) == "x.yaml:3:1 with --set train.0.epochs=3 with --set train.1.phase=c"
+    assert document.place(("new", "deep", "missing")) == "--set new.deep.key=1"
+    assert document.place(("new", "missing")) == "--set new.deep.key=1"
+    assert document.place(("missing",)) == "x.yaml:1:1"
 
 
 def test_a_key_below_a_bare_name_keeps_the_name_as_its_type() -> None:
