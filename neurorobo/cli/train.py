@@ -41,16 +41,19 @@ def train(file: Path, overrides: tuple[str, ...], only: tuple[str, ...], threads
 
     torch.set_num_threads(threads)
     folder = out or Path("runs") / experiment.name / f"training-{experiment.config_hash[:8]}"
-    with training_progress() as show:
-        reports = train_experiment(
-            experiment,
-            lessons,
-            folder,
-            only=only,
-            report=lambda index, step: show(
-                f"{index} {lessons[index].phase.region}", step.done, step.steps, step.error, step.rate
-            ),
-        )
+    try:
+        with training_progress() as show:
+            reports = train_experiment(
+                experiment,
+                lessons,
+                folder,
+                only=only,
+                report=lambda index, step: show(
+                    f"{index} {lessons[index].phase.region}", step.done, step.steps, step.error, step.rate
+                ),
+            )
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(f"the same command goes on from what is in {folder}") from None
     for finished in reports:
         rms = finished.evaluation.get("rms", {}).items()  # a plugin's rule may have other figures
         errors = ", ".join(f"{port} {[round(value, 3) for value in windows[-1]]}" for port, windows in rms)

@@ -51,8 +51,9 @@ def run_experiment(
     """Run one episode per seed and write a run folder.
 
     ``record`` replaces the recorders that the file names; ``command`` is what was typed, for ``run.json``;
-    ``progress`` is told each tick and how many still run. An interrupted run keeps what was recorded; its ``run.json``
-    says ``interrupted``. Raises ConfigError for what cannot be built, NeuroroboError for what cannot be written.
+    ``progress`` is told each tick and how many still run. An interrupted run keeps what was recorded, and the
+    KeyboardInterrupt says where; its ``run.json`` says ``interrupted``. Raises ConfigError for what cannot be built,
+    NeuroroboError for what cannot be written.
     """
     engine_path()  # the environment may ask for what there is not; only what can be run gets a folder
     plan = build_plan(experiment)
@@ -100,6 +101,8 @@ def run_experiment(
             folder.finish("interrupted" if isinstance(error, KeyboardInterrupt) else "failed")
         except NeuroroboError as second:  # the disk may be full, which must not hide the first error
             print(f"note: {second}", file=sys.stderr)
+        if isinstance(error, KeyboardInterrupt):
+            raise KeyboardInterrupt(f"what was recorded until then is in {path}") from None
         raise
     folder.finish("finished")
     registry.call("neurorobo_run_finished", folder=path, summary=summary)

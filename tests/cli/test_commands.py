@@ -176,7 +176,7 @@ def test_json_is_all_that_is_printed_and_notes_go_to_the_error_stream(
 
 
 @pytest.mark.parametrize("command", ["run", "compare"])
-def test_ctrl_c_is_exit_code_130(
+def test_ctrl_c_is_exit_code_130_and_one_line_of_what_there_is(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, command: str
 ) -> None:
     def interrupt(*_: object, **__: object) -> None:
@@ -186,6 +186,23 @@ def test_ctrl_c_is_exit_code_130(
     (tmp_path / "x.yaml").write_text(GOOD)
     code, said, noted = call(capsys, monkeypatch, command, str(tmp_path / "x.yaml"), "--out", str(tmp_path / "out"))
     assert (code, said) == (130, "")
-    assert noted.splitlines()[-1] == "interrupted"
     (run,) = (tmp_path / "out").rglob("run.json")
+    assert noted.splitlines()[-1] == f"interrupted; what was recorded until then is in {run.parent}"
     assert json.loads(run.read_text())["status"] == "interrupted"
+
+
+def test_ctrl_c_says_that_training_goes_on(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupt(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("neurorobo.learning.supervise._loss", interrupt)
+    phase = "{phase: supervise, region: mind, teacher: {type: precision.law, period: control}, "
+    phase += "data: precision.insertion_speeds, loss: {mean: 1 mN}, steps: 3}"
+    mind = "  mind: {type: precision.hippocampus, period: control}\nsteps:"
+    (tmp_path / "x.yaml").write_text(GOOD.replace("steps:", mind) + f"train:\n  - {phase}\n")
+    out = tmp_path / "out"
+    code, said, noted = call(capsys, monkeypatch, "train", str(tmp_path / "x.yaml"), "--out", str(out))
+    assert (code, said) == (130, "")
+    assert noted.splitlines()[-1] == f"interrupted; the same command goes on from what is in {out}"
