@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -75,7 +76,9 @@ def load_document(path: str | Path) -> Document:
     except OSError as error:
         raise _error(source, None, f"cannot be read: {error.strerror}") from error
     except UnicodeDecodeError as error:
-        raise _error(source, None, f"is not a text file in UTF-8: its byte {error.start} is no part of one") from None
+        before, byte = error.object[: error.start].decode(), error.object[error.start]
+        message = f"is not text in UTF-8: there is a byte 0x{byte:02x}; save the file as UTF-8"
+        raise _error(source, _end(before), message) from None
     return parse_document(text, source)
 
 
@@ -86,7 +89,7 @@ def parse_document(text: str, source: str) -> Document:
         raise _error(source, None, "is empty; an experiment starts with 'neurorobo: 1'")
     if not isinstance(node, MappingNode):
         wrong = "list" if isinstance(node, SequenceNode) else "single value"
-        raise _error(source, node, f"is a {wrong}, not a mapping; an experiment starts with 'neurorobo: 1'")
+        raise _error(source, _mark(node), f"is a {wrong}, not a mapping; an experiment starts with 'neurorobo: 1'")
     reader = _Reader(source)
     value = reader.read(node)
     return Document(source, text, value, reader.marks)
@@ -162,7 +165,9 @@ class _Reader:
     def _value(self, node: Node, path: DocumentPath) -> Any:
         self.values += 1
         if self.values > MOST_VALUES:
-            raise _error(self.source, node, f"holds more than {MOST_VALUES} values, each use of an anchor counted")
+            raise _error(
+                self.source, _mark(node), f"holds more than {MOST_VALUES} values, each use of an anchor counted"
+            )
         if isinstance(node, MappingNode):
             return {key: self._value(child, (*path, key)) for key, child in self._items(node, path)}
         if isinstance(node, SequenceNode):
@@ -204,23 +209,51 @@ def _compose(text: str, source: str) -> Node | None:
     try:
         return yaml.compose(text, _Loader)
     except yaml.MarkedYAMLError as error:
-        mark = error.problem_mark or error.context_mark
-        place = f"{source}:{mark.line + 1}:{mark.column + 1}" if mark else source
-        context = f" {error.context}" if error.context else ""
-        message = f"is not valid YAML: {error.problem}{context}"
+        raise _not_yaml(text, source, error) from None
     except yaml.reader.ReaderError as error:
-        line = text.count("\n", 0, error.position) + 1
-        place = f"{source}:{line}:{error.position - text.rfind(chr(10), 0, error.position)}"
         message = f"is not valid YAML: the character {chr(error.character)!r} is not allowed"
+        raise _error(source, _end(text[: error.position]), message) from None
     except RecursionError:
-        place, message = source, "is nested too deeply"
-    raise ConfigError([Fault((), message)], [f"{place}: {message}"]) from None
+        raise _error(source, None, "is nested too deeply") from None
+
+
+def _not_yaml(text: str, source: str, error: yaml.MarkedYAMLError) -> ConfigError:
+    """Return what is wrong where it begins: the parser notices what is not closed only later."""
+    quote = _unclosed_quote(text, error)
+    if quote is not None:
+        return _error(source, _place(quote), "is not valid YAML: a quote opens here that is not closed; close it")
+    mark = error.problem_mark or error.context_mark
+    context = f" {error.context}" if error.context else ""
+    if "flow" in context and error.context_mark:
+        context += ", which opens at {}:{}".format(*_place(error.context_mark))
+    return _error(source, _place(mark) if mark else None, f"is not valid YAML: {error.problem}{context}")
+
+
+def _unclosed_quote(text: str, error: yaml.MarkedYAMLError) -> yaml.Mark | None:
+    """Return where a quote opens that nothing closes, or nothing but the next one, lines below, which was to open."""
+    if error.context == "while scanning a quoted scalar":
+        return error.context_mark
+    with suppress(yaml.YAMLError):
+        for token in yaml.scan(text, _Loader):
+            ends_at_problem = error.problem_mark and token.end_mark.index == error.problem_mark.index
+            if isinstance(token, yaml.ScalarToken) and not token.plain and ends_at_problem:
+                return token.start_mark if token.start_mark.line < token.end_mark.line else None
+    return None
 
 
 def _mark(node: Node) -> Mark:
-    return node.start_mark.line + 1, node.start_mark.column + 1
+    return _place(node.start_mark)
 
 
-def _error(source: str, node: Node | None, message: str) -> ConfigError:
-    line, column = (1, 1) if node is None else _mark(node)
+def _place(mark: yaml.Mark) -> Mark:
+    return mark.line + 1, mark.column + 1
+
+
+def _end(text: str) -> Mark:
+    """Return the place right after a text."""
+    return text.count("\n") + 1, len(text) - text.rfind("\n")
+
+
+def _error(source: str, mark: Mark | None, message: str) -> ConfigError:
+    line, column = mark or (1, 1)
     return ConfigError([Fault((), message)], [f"{source}:{line}:{column}: {message}"])

@@ -111,11 +111,18 @@ def test_every_duplicate_key_is_reported_with_both_its_lines() -> None:
         ("a: b: c", "x.yaml:1:5: is not valid YAML: mapping values are not allowed here"),
         (
             "a:\n  - [1, 2\nb: 1",
-            "x.yaml:3:2: is not valid YAML: expected ',' or ']', but got ':' while parsing a flow sequence",
+            "x.yaml:3:2: is not valid YAML: expected ',' or ']', but got ':' while parsing a flow sequence, which opens at 2:5",
         ),
         (
             "a: 1\n\tb: 2",
             "x.yaml:2:1: is not valid YAML: found character '\\t' that cannot start any token while scanning for the next token",
+        ),
+        ('a: 1\nb: "c\nd: 2\n', "x.yaml:2:4: is not valid YAML: a quote opens here that is not closed; close it"),
+        ("a: 1\nb: 'c\n---\n", "x.yaml:2:4: is not valid YAML: a quote opens here that is not closed; close it"),
+        ('a: 1\nb: "c\nd: "e"\n', "x.yaml:2:4: is not valid YAML: a quote opens here that is not closed; close it"),
+        (
+            "a: 'b' c\n",
+            "x.yaml:1:8: is not valid YAML: expected <block end>, but found '<scalar>' while parsing a block mapping",
         ),
         ("a: *b", "x.yaml:1:4: is not valid YAML: found undefined alias 'b'"),
         ("a: 1\nb: \x00", "x.yaml:2:4: is not valid YAML: the character '\\x00' is not allowed"),
@@ -172,12 +179,15 @@ def test_files_that_cannot_be_read_are_config_errors(tmp_path: Path) -> None:
             load_document(path)
         return str(caught.value).removeprefix(f"{path}:1:1: ")
 
-    (tmp_path / "latin.yaml").write_bytes("a: é".encode("latin-1"))
+    (tmp_path / "latin.yaml").write_bytes("a: b\nc: é".encode("latin-1"))
     (tmp_path / "image.png").write_bytes(b"\x89PNG\r\n\x1a\n\x00")
     assert line(tmp_path / "missing.yaml") == "there is no such file"
     assert line(tmp_path) == "cannot be read: Is a directory"
-    assert line(tmp_path / "latin.yaml") == "is not a text file in UTF-8: its byte 3 is no part of one"
-    assert line(tmp_path / "image.png") == "is not a text file in UTF-8: its byte 0 is no part of one"
+    assert (
+        line(tmp_path / "latin.yaml")
+        == f"{tmp_path}/latin.yaml:2:4: is not text in UTF-8: there is a byte 0xe9; save the file as UTF-8"
+    )
+    assert line(tmp_path / "image.png") == "is not text in UTF-8: there is a byte 0x89; save the file as UTF-8"
 
 
 def test_a_file_is_read_with_its_text_and_without_its_byte_order_mark(tmp_path: Path) -> None:
