@@ -70,7 +70,7 @@ class _Compiler:
     edges: list[Edge] = field(default_factory=list)
     faults: list[Fault] = field(default_factory=list)
     same_tick: dict[str, set[str]] = field(default_factory=dict)
-    late: list[tuple[Path, str, str]] = field(default_factory=list)
+    late: list[tuple[Path, str, Source]] = field(default_factory=list)
 
     def compile(
         self, steps: Sequence[StepSpec | RepeatSpec], command: Mapping[str, str], actuators: Mapping[str, Channel]
@@ -281,7 +281,7 @@ class _Compiler:
             if runs_first:
                 self.same_tick.setdefault(reader.name, set()).add(source.step)
             elif source.reading == "now":
-                self.late.append((path, reader.name, source.step))
+                self.late.append((path, reader.name, source))
             else:
                 needs_initial = True
             if source.reading == "first":
@@ -333,15 +333,15 @@ class _Compiler:
     def _check_order(self) -> None:
         """Report every step that reads, in the same tick, what runs after it."""
         for path, reader, source in self.late:
-            if reader == source:
-                self._fault(path, f"`{reader}` reads its own output without a delay; write `previous {reader}.…`")
+            if reader == source.step:
+                self._fault(path, f"`{reader}` reads its own output without a delay; write `previous {source}`")
                 continue
-            chain = self._chain(source, reader)
+            chain = self._chain(source.step, reader)
             if chain is None:
                 self._fault(
                     path,
-                    f"`{source}` runs after `{reader}`; "
-                    f"move `{source}` up, or read its last value: `previous {source}.…`",
+                    f"`{source.step}` runs after `{reader}`; "
+                    f"move `{source.step}` up, or read its last value: `previous {source}`",
                 )
             else:
                 loop = " -> ".join((*reversed(chain), chain[-1]))
@@ -349,7 +349,7 @@ class _Compiler:
 
     def _chain(self, start: str, goal: str) -> list[str] | None:
         """Return a path of same-tick reads from ``start`` to ``goal``, depth first."""
-        late = {(reader, source) for _, reader, source in self.late}
+        late = {(reader, source.step) for _, reader, source in self.late}
         stack, seen = [[start]], {start}
         while stack:
             chain = stack.pop()
