@@ -52,7 +52,7 @@ def compare(
     registry = Registry.discover()
     names = [str(file) if file.is_dir() else file.stem for file in files] + list(variants)
     if twice := {name for name in names if names.count(name) > 1}:
-        raise NeuroroboError(f"two columns would be called `{twice.pop()}`; give files of different names")
+        raise NeuroroboError(f"two experiments would be called `{twice.pop()}`; give files of different names")
     experiments = {file.stem: load_experiment(file, overrides, registry) for file in files if not file.is_dir()}
     experiments |= {change: load_experiment(files[0], (*overrides, change), registry) for change in variants}
     for experiment in experiments.values():

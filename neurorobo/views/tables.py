@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from rich.table import Table
+from rich.text import Text
 
 MARK = " ± "
 
@@ -23,17 +24,19 @@ def summary_table(title: str, summary: Mapping[str, Any]) -> Table:
 
 
 def comparison_table(summaries: Mapping[str, Mapping[str, Any]]) -> Table:
-    """Return one column per experiment and one row per figure; a figure that an experiment lacks is left empty."""
-    table = Table(title="mean ± standard error (worst)", title_justify="left")
-    table.add_column("figure")
+    """Return, below each figure, a row for every experiment that has it: as wide for two experiments as for ten."""
+    table = Table(title="mean ± standard error, and the worst episode", title_justify="left")
+    table.add_column("figure", overflow="fold")
+    table.add_column("mean", justify="right")
+    table.add_column("worst", justify="right")
+    table.add_row("episodes", style="bold")
     for name, summary in summaries.items():
-        table.add_column(f"{name}\n{_episodes(summary)}", justify="right")
+        table.add_row(Text(f"  {name}"), str(len(summary["episodes"])))
     for figure in _figures(list(summaries.values())):
-        cells = []
-        for summary in summaries.values():
-            value = summary["aggregate"].get(figure)
-            cells.append("" if value is None else f"{_mean(value)} ({_number(value['worst'])})")
-        table.add_row(figure, *cells)
+        table.add_row(figure, style="bold")
+        for name, summary in summaries.items():
+            if (value := summary["aggregate"].get(figure)) is not None:
+                table.add_row(Text(f"  {name}"), _mean(value), _number(value["worst"]))
     return table
 
 
@@ -48,8 +51,8 @@ def _episodes(summary: Mapping[str, Any]) -> str:
 
 def _mean(figure: Mapping[str, Any]) -> str:
     error = figure["standard_error"]
-    return _number(figure["mean"]) + ("" if error is None else f"{MARK}{_number(error)}")
+    return _number(figure["mean"]) + ("" if error is None else f"{MARK}{_number(error, 2)}")
 
 
-def _number(value: float) -> str:
-    return f"{value:.4g}" if abs(value) < 1000 else f"{value:.0f}"
+def _number(value: float, digits: int = 4) -> str:
+    return f"{value:.{digits}g}" if abs(value) < 10 ** (digits - 1) else f"{value:.0f}"

@@ -94,12 +94,12 @@ ONE = {"episodes": [{}], "aggregate": {"success": {"mean": 1.0, "standard_error"
 
 SEVERAL_EPISODES = """\
 cart, 2 episodes
-┏━━━━━━━━━━━━┳━━━━━━━━━━━━━━━━┳━━━━━━━┓
-┃ figure     ┃           mean ┃ worst ┃
-┡━━━━━━━━━━━━╇━━━━━━━━━━━━━━━━╇━━━━━━━┩
-│ success    │      0.5 ± 0.5 │     0 │
-│ duration_s │ 1235 ± 0.01235 │  2000 │
-└────────────┴────────────────┴───────┘"""
+┏━━━━━━━━━━━━┳━━━━━━━━━━━━━━┳━━━━━━━┓
+┃ figure     ┃         mean ┃ worst ┃
+┡━━━━━━━━━━━━╇━━━━━━━━━━━━━━╇━━━━━━━┩
+│ success    │    0.5 ± 0.5 │     0 │
+│ duration_s │ 1235 ± 0.012 │  2000 │
+└────────────┴──────────────┴───────┘"""
 
 ONE_EPISODE = """\
 cart, 1 episode
@@ -110,14 +110,19 @@ cart, 1 episode
 └─────────┴───────┘"""
 
 COMPARISON = """\
-mean ± standard error (worst)
-┏━━━━━━━━━━━━┳━━━━━━━━━━━━━━━━━━━━━━━┳━━━━━━━━━━━┓
-┃            ┃                  cart ┃     other ┃
-┃ figure     ┃            2 episodes ┃ 1 episode ┃
-┡━━━━━━━━━━━━╇━━━━━━━━━━━━━━━━━━━━━━━╇━━━━━━━━━━━┩
-│ success    │         0.5 ± 0.5 (0) │     1 (1) │
-│ duration_s │ 1235 ± 0.01235 (2000) │           │
-└────────────┴───────────────────────┴───────────┘"""
+mean ± standard error, and the worst episode
+┏━━━━━━━━━━━━━━━━━━━━┳━━━━━━━━━━━━━━┳━━━━━━━┓
+┃ figure             ┃         mean ┃ worst ┃
+┡━━━━━━━━━━━━━━━━━━━━╇━━━━━━━━━━━━━━╇━━━━━━━┩
+│ episodes           │              │       │
+│   cart             │            2 │       │
+│   record=[scripts] │            1 │       │
+│ success            │              │       │
+│   cart             │    0.5 ± 0.5 │     0 │
+│   record=[scripts] │            1 │     1 │
+│ duration_s         │              │       │
+│   cart             │ 1235 ± 0.012 │  2000 │
+└────────────────────┴──────────────┴───────┘"""
 
 
 def shown(table: Table) -> str:
@@ -132,8 +137,15 @@ def test_the_summary_of_several_episodes_and_of_one() -> None:
     assert shown(summary_table("cart", ONE)) == ONE_EPISODE
 
 
-def test_a_comparison_leaves_empty_what_an_experiment_lacks() -> None:
-    assert shown(comparison_table({"cart": SUMMARY, "other": ONE})) == COMPARISON
+def test_a_comparison_has_under_each_figure_a_row_for_every_experiment_that_has_it() -> None:
+    assert shown(comparison_table({"cart": SUMMARY, "record=[scripts]": ONE})) == COMPARISON
+
+
+def test_a_comparison_of_many_experiments_fits_a_narrow_terminal() -> None:
+    name = "regions.prefrontal_cortex=acme.teacher"
+    lines = shown(comparison_table({f"{name}{index}": SUMMARY for index in range(9)})).splitlines()
+    assert sum(name in line for line in lines) == 9 * 3
+    assert max(map(len, lines)) <= 80
 
 
 def test_training_is_told_in_a_few_lines_where_there_is_no_terminal(capsys: pytest.CaptureFixture[str]) -> None:
