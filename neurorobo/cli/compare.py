@@ -37,10 +37,10 @@ def compare(
     out: Path | None,
     as_json: bool,
 ) -> None:
-    """Run experiment FILES over the same seeds, or read run folders, and put their figures side by side.
+    """Put the figures of experiments or runs side by side.
 
-    Each experiment gets a run folder of its own; if you stop, give the folders of those that are finished in place of
-    their files.
+    FILES are experiments, which are run over the same seeds, or folders of runs. Each experiment gets a run folder of
+    its own; if you stop, give the folders of those that are finished in place of their files.
     """
     from neurorobo.config.experiment import load_experiment
     from neurorobo.errors import NeuroroboError

@@ -15,7 +15,10 @@ PACKAGES = ("torch", "numpy")
 @click.command()
 @json_option
 def doctor(as_json: bool) -> None:
-    """Tell versions, the path that the engine takes and why, its instruction set, and threads."""
+    """Tell what this installation runs on.
+
+    Versions, the path that the engine takes and why, its instruction set, and threads.
+    """
     import torch
 
     from neurorobo.engine import engine_path

@@ -12,7 +12,10 @@ from neurorobo.cli.options import file_argument, json_option, overrides_option
 @click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path, dir_okay=False))
 @overrides_option
 def validate(files: tuple[Path, ...], overrides: tuple[str, ...]) -> None:
-    """Check experiment files, and the weights that they name, and report every fault with its line."""
+    """Check experiment files and report every fault with its line.
+
+    The weights that they name are checked too.
+    """
     from neurorobo.config.experiment import load_experiment
     from neurorobo.errors import NeuroroboError
     from neurorobo.experiment.lessons import read_lessons
@@ -44,7 +47,10 @@ def validate(files: tuple[Path, ...], overrides: tuple[str, ...]) -> None:
 @file_argument
 @overrides_option
 def plan(file: Path, overrides: tuple[str, ...]) -> None:
-    """Print the schedule: what runs when, in which order, and where each input comes from."""
+    """Print the schedule: what runs when, and in which order.
+
+    Below each step stands where its inputs come from, and every conversion.
+    """
     from neurorobo.config.experiment import load_experiment
     from neurorobo.experiment.plan import build_plan
     from neurorobo.plugins import Registry
@@ -59,7 +65,10 @@ def plan(file: Path, overrides: tuple[str, ...]) -> None:
 @overrides_option
 @click.option("--out", type=click.Path(path_type=Path, dir_okay=False), help="Write here instead of printing.")
 def graph(file: Path, overrides: tuple[str, ...], out: Path | None) -> None:
-    """Draw the region graph as a Mermaid flowchart, which Markdown viewers show as a picture."""
+    """Draw the region graph as a Mermaid flowchart.
+
+    Markdown viewers show it as a picture.
+    """
     from neurorobo.config.experiment import load_experiment
     from neurorobo.experiment.plan import build_plan
     from neurorobo.files import write_whole
@@ -120,7 +129,10 @@ def plugins(context: click.Context, as_json: bool) -> None:
 @click.option("--out", type=click.Path(path_type=Path, dir_okay=False), help="Write here instead of printing.")
 @click.option("--check", type=click.Path(path_type=Path, dir_okay=False), help="Only check that this file is current.")
 def schema(out: Path | None, check: Path | None) -> None:
-    """Print the JSON Schema of experiment files, with the types of every installed plugin, for editors."""
+    """Print the JSON Schema of experiment files, for editors.
+
+    It holds the types of every installed plugin.
+    """
     from neurorobo.config.schema import experiment_schema
     from neurorobo.errors import NeuroroboError
     from neurorobo.files import write_whole

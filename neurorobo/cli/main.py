@@ -31,7 +31,7 @@ class _Commands(click.Group):
         if (own := super().get_command(context, name)) is not None:
             return own
         entry = self._of_plugins().get(name)
-        return None if entry is None else click.Command(name, help=entry.summary)
+        return None if entry is None else click.Command(name, help=entry.summary, short_help=entry.summary)
 
     def resolve_command(
         self, context: click.Context, arguments: list[str]

@@ -58,6 +58,17 @@ def test_a_plugin_s_command_is_listed_without_being_imported_and_called_with_its
     assert "--strong" in call(capsys, monkeypatch, "brew", "--help")[1]
 
 
+def test_the_help_shows_every_summary_to_its_end(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    install(tmp_path, monkeypatch, "a_kettle_whose_name_takes_more_room_than_a_line_of_the_help_has_for_a_summary")
+    _, out, _ = call(capsys, monkeypatch, "--help")
+    summaries = out.partition("Commands:")[2]
+    assert "..." not in summaries
+    assert "for_a_summary" in summaries
+
+
 @pytest.mark.parametrize(("brew", "words"), [("1 / 0", "ZeroDivisionError"), ("brew = 3", "is no click command")])
 def test_a_broken_command_harms_nothing_but_itself(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, brew: str, words: str
