@@ -1,9 +1,11 @@
 """The documents are true: commands run, links lead somewhere, names exist, excerpts are what they say."""
 
+import json
 import os
 import pkgutil
 import re
 import shlex
+import shutil
 import subprocess
 import sys
 from collections.abc import Iterator, Mapping
@@ -21,7 +23,7 @@ DOCUMENTS = [
 ]
 CONSOLE = re.compile(r"^```console\n(.*?)^```", re.DOTALL | re.MULTILINE)
 EXCERPT = re.compile(r"<!-- from (\S+) -->\n+```yaml\n(.*?)^```", re.DOTALL | re.MULTILINE)
-CAPTIONED = re.compile(r"^```\{code-block\} python\n:caption: (\S+)\n\n(.*?)^```", re.DOTALL | re.MULTILINE)
+CAPTIONED = re.compile(r"^```\{code-block\} \w+\n:caption: (\S+)\n\n(.*?)^```", re.DOTALL | re.MULTILINE)
 COMMANDS = [
     command
     for block in CONSOLE.findall((PROJECT / "README.md").read_text())
@@ -178,14 +180,21 @@ def test_every_key_is_documented() -> None:
         assert sorted(keys - explained) == [], document
 
 
-def test_the_region_of_the_guide_keeps_the_contract(tmp_path: Path) -> None:
-    """Write the guide's files as a reader would, and run its own test on them."""
-    files = CAPTIONED.findall(REGION_GUIDE.read_text())
-    assert [name for name, _ in files if name.startswith("test_")]
-    for name, code in files:
-        file = tmp_path / name
-        file.parent.mkdir(exist_ok=True)
-        file.write_text(code)
-    variables = environment(tmp_path, PYTHONPATH=str(tmp_path))
-    run([sys.executable, "-c", "import acme_brain.plugin"], tmp_path, variables)
-    run([sys.executable, "-m", "pytest", "--rootdir", str(tmp_path)], tmp_path, variables)
+def test_the_plugin_of_the_guide_is_installed_runs_and_keeps_the_contract(tmp_path: Path) -> None:
+    """Write the guide's files as a reader would, install them, and run its experiment and its test."""
+    project, installed = tmp_path / "project", tmp_path / "installed"
+    (project / "acme_brain").mkdir(parents=True)
+    (project / "acme_brain" / "__init__.py").touch()
+    for name, content in CAPTIONED.findall(REGION_GUIDE.read_text()):
+        (project / name).write_text(content)
+    offline = ["--no-index", "--no-deps", "--no-build-isolation", "--disable-pip-version-check"]
+    install = [sys.executable, "-m", "pip", "install", *offline, "--target", str(installed), "."]
+    run(install, project, environment(tmp_path))
+    shutil.rmtree(project / "acme_brain")  # what runs is what was installed
+    paths = os.pathsep.join([str(installed), *filter(None, [os.environ.get("PYTHONPATH")])])
+    variables = environment(tmp_path, PYTHONPATH=paths)
+    run(["neurorobo", "run", "relay.yaml", "--out", "run"], project, variables)
+    figures = json.loads((project / "run" / "summary.json").read_text())["aggregate"]
+    assert figures["firing_rate.relay"]["mean"] > 0.05
+    assert figures["saturations"]["mean"] == 0
+    run([sys.executable, "-m", "pytest", "--rootdir", str(project)], project, variables)
