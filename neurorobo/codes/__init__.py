@@ -4,6 +4,15 @@ from neurorobo.codes.coarse_fine import CoarseFine
 from neurorobo.codes.code import Code
 from neurorobo.codes.config import CodeConfig
 from neurorobo.codes.first_spike import TimeToFirstSpike
-from neurorobo.codes.rate import CountCode, Poisson, PopulationUniform
+from neurorobo.codes.rate import CountCode, Poisson, PopulationNested, PopulationUniform
 
-__all__ = ["CoarseFine", "Code", "CodeConfig", "CountCode", "Poisson", "PopulationUniform", "TimeToFirstSpike"]
+__all__ = [
+    "CoarseFine",
+    "Code",
+    "CodeConfig",
+    "CountCode",
+    "Poisson",
+    "PopulationNested",
+    "PopulationUniform",
+    "TimeToFirstSpike",
+]

@@ -7,7 +7,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from neurorobo.codes.code import Code
 from neurorobo.codes.first_spike import TimeToFirstSpike
-from neurorobo.codes.rate import Poisson, PopulationUniform
+from neurorobo.codes.rate import Poisson, PopulationNested, PopulationUniform
 
 
 class CodeConfig(BaseModel, ABC):
@@ -34,6 +34,16 @@ class PopulationUniformConfig(_PopulationConfig):
     def build(self, lo: float, hi: float) -> PopulationUniform:
         """Return the code."""
         return PopulationUniform(self.neurons, lo, hi)
+
+
+class PopulationNestedConfig(_PopulationConfig):
+    """As many spikes as the value asks for; a larger value has those of a smaller one and more."""
+
+    type: Literal["population_nested"] = "population_nested"
+
+    def build(self, lo: float, hi: float) -> PopulationNested:
+        """Return the code."""
+        return PopulationNested(self.neurons, lo, hi)
 
 
 class PoissonConfig(_PopulationConfig):

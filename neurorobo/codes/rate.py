@@ -1,6 +1,7 @@
-"""Codes that count spikes: population uniform and Poisson."""
+"""Codes that count spikes: population uniform, population nested and Poisson."""
 
 from dataclasses import dataclass
+from functools import cache
 from typing import TYPE_CHECKING
 
 from neurorobo.codes.code import Code
@@ -47,6 +48,42 @@ class PopulationUniform(CountCode):
         shift = steps * torch.arange(self.neurons, device=values.device)[:, None]
         fired = (torch.arange(steps + 1, device=values.device) * count + shift) // slots
         return fired.diff(dim=-1).flatten(1, 2).permute(2, 0, 1).to(values.dtype)
+
+
+@dataclass(frozen=True)
+class PopulationNested(CountCode):
+    """The nearest number of spikes, nested: the next larger value has the same spikes and one more.
+
+    A value becomes ``k = round((value - lo) / resolution)`` spikes, shared by the neurons as evenly as can be. Each
+    neuron takes its steps in an order that leaves no large gap anywhere, that of van der Corput, begun at a place of
+    its own. So a small change of the value is a small change of the spikes, and hardly a step is like another: what
+    reads them meets many sums of weights, where evenly spaced spikes repeat a few. Encoding and decoding again is off
+    by at most half a resolution.
+    """
+
+    def encode(self, values: "Tensor", steps: int, generator: "torch.Generator | None" = None) -> "Tensor":
+        """Return the spikes of ``values``; deterministic."""
+        import torch
+
+        neuron = torch.arange(self.neurons, device=values.device)
+        count = (self.fraction(values) * (self.neurons * steps)).round().long()
+        share = (count[..., None] + neuron) // self.neurons  # (batch, width, neurons), their sum is the count
+        place = (_van_der_corput(steps).to(values.device)[:, None] + neuron * steps // self.neurons) % steps
+        return (place[:, None, None] < share).to(values.dtype).flatten(2)
+
+
+@cache
+def _van_der_corput(steps: int) -> "Tensor":
+    """Return the place of each step in the order of its number's bits read backwards."""
+    import torch
+
+    bits = (steps - 1).bit_length()
+    backwards = [int(format(step, f"0{bits}b")[::-1], 2) for step in range(steps)]
+    order = sorted(range(steps), key=backwards.__getitem__)
+    with torch.inference_mode(False):
+        place = torch.empty(steps, dtype=torch.long)
+        place[order] = torch.arange(steps)
+    return place
 
 
 @dataclass(frozen=True)

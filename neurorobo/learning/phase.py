@@ -142,6 +142,12 @@ class SupervisePhase(Phase):
     )
     warmup: int = Field(default=20, ge=0, description="Steps in which the learning rate rises to its peak.")
     rate_penalty: float = Field(default=0.0, ge=0, description="What a mean firing rate of one would add to the loss.")
+    weight_noise: float = Field(
+        default=0.0,
+        ge=0,
+        description="Gaussian noise on the weights while training, as a share of the rms of their tensor: what is learned "
+        "then does not hang on the last digits, which rounding changes.",
+    )
     precision: Literal["bf16", "float32"] = Field(
         default="float32", description="The products of spikes and weights while training; sums are always float32."
     )

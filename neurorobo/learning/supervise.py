@@ -2,7 +2,7 @@
 
 import signal
 import threading
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -69,12 +69,13 @@ def supervise(
             rates = Rates()
             with _products("float32"):  # what a region meets by itself is what it will meet when it runs
                 values = data.draw(phase.batch, generator)
-            errors = both.errors(values, generator, rates)
-            loss = _loss(errors, unit_errors, phase.unroll.discount)
-            if phase.rate_penalty:
-                loss = loss + phase.rate_penalty * rates.mean()
             optimiser.zero_grad()
-            loss.backward()
+            with _noise(parameters.values(), phase.weight_noise, generator):
+                errors = both.errors(values, generator, rates)
+                loss = _loss(errors, unit_errors, phase.unroll.discount)
+                if phase.rate_penalty:
+                    loss = loss + phase.rate_penalty * rates.mean()
+                loss.backward()
             optimiser.step()
             constrain(region)
             error = {name: float(e.detach().square().mean().sqrt()) for name, e in errors.items()}
@@ -171,6 +172,25 @@ def _trainable(region: Region, phase: SupervisePhase) -> Iterator[dict[str, nn.P
         for name, parameter in region.named_parameters():
             parameter.requires_grad_(before[name])
             parameter.grad = None
+
+
+@contextmanager
+def _noise(parameters: Collection[nn.Parameter], share: float, generator: torch.Generator) -> Iterator[None]:
+    """Let weights be off by Gaussian noise, of a share of the rms of their tensor, and bring them back exactly."""
+    if share == 0:
+        yield
+        return
+    exact = [parameter.detach().clone() for parameter in parameters]
+    with torch.no_grad():
+        for parameter, weight in zip(parameters, exact, strict=True):
+            noise = torch.randn(weight.shape, generator=generator)
+            parameter.add_(noise.mul_(share * weight.square().mean().sqrt()))
+    try:
+        yield
+    finally:
+        with torch.no_grad():
+            for parameter, weight in zip(parameters, exact, strict=True):
+                parameter.copy_(weight)
 
 
 @contextmanager

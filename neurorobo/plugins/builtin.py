@@ -27,6 +27,12 @@ def neurorobo_register(registry: Registrar) -> None:
         "neurorobo.codes.config:PopulationUniformConfig",
         "spikes spread evenly over neurons and steps",
     )
+    registry.add(
+        "code",
+        "core.population_nested",
+        "neurorobo.codes.config:PopulationNestedConfig",
+        "spikes that a larger value only adds to",
+    )
     registry.add("code", "core.poisson", "neurorobo.codes.config:PoissonConfig", "independent random spikes")
     registry.add(
         "code",

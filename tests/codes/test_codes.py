@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from torch import Tensor
 
-from neurorobo.codes import CoarseFine, Code, Poisson, PopulationUniform, TimeToFirstSpike
+from neurorobo.codes import CoarseFine, Code, Poisson, PopulationNested, PopulationUniform, TimeToFirstSpike
 
-DETERMINISTIC = [PopulationUniform, TimeToFirstSpike]
+DETERMINISTIC = [PopulationUniform, PopulationNested, TimeToFirstSpike]
 deterministic = pytest.mark.parametrize("kind", DETERMINISTIC)
 fractions = st.floats(0, 1)
 neurons = st.integers(1, 30)
@@ -124,6 +124,26 @@ def test_population_uniform_fires_each_neuron_at_even_intervals(neurons: int, st
 def test_population_uniform_spreads_the_spikes_evenly_over_the_steps(neurons: int, steps: int, fraction: float) -> None:
     together = PopulationUniform(neurons, 0.0, 1.0).encode(column(fraction), steps).sum((1, 2))
     assert together.max() - together.min() <= 1
+
+
+@given(neurons=neurons, steps=windows)
+def test_population_nested_adds_one_spike_at_a_time_to_the_neurons_in_turn(neurons: int, steps: int) -> None:
+    count = neurons * steps
+    spikes = PopulationNested(neurons, 0.0, count).encode(column(*range(count + 1)), steps).movedim(1, 0)
+    assert spikes.sum((1, 2)).tolist() == list(range(count + 1))
+    assert (spikes.diff(dim=0) >= 0).all()
+    per_neuron = spikes.sum(1)
+    assert (per_neuron.amax(1) - per_neuron.amin(1)).max() <= 1
+
+
+@given(neurons=neurons, steps=windows, fraction=fractions)
+def test_population_nested_leaves_no_neuron_silent_for_long(neurons: int, steps: int, fraction: float) -> None:
+    spikes = PopulationNested(neurons, 0.0, 1.0).encode(column(fraction), steps)[:, 0]
+    for train in spikes.T:
+        fired = train.nonzero().flatten()
+        if len(fired):
+            gaps = torch.cat([fired, fired[:1] + steps]).diff()
+            assert gaps.max() <= 4 * steps / len(fired)
 
 
 def test_the_papers_example_resolves_a_tenth_of_a_micrometre() -> None:

@@ -1,5 +1,6 @@
 """Supervised learning: what it promises about results, interruptions, units and what it leaves alone."""
 
+import copy
 import signal
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -153,6 +154,43 @@ def test_an_interrupted_phase_ends_with_the_very_same_weights(tmp_path: Path) ->
     assert list(checkpoints.file.parent.iterdir()) == [checkpoints.file]  # for the caller to remove
 
 
+def test_noise_on_the_weights_acts_while_gradients_are_taken_and_leaves_no_trace(tmp_path: Path) -> None:
+    still, noisy = spiking(), spiking()
+    before = weights(noisy)
+    train(noisy, phase(steps=3, learning_rate=1e-9, weight_noise=0.1))
+    for name, weight in weights(noisy).items():
+        torch.testing.assert_close(weight, before[name], rtol=0, atol=1e-7)
+    quiet, loud = [], []
+    train(still, phase(steps=3, learning_rate=1e-9), report=lambda progress: quiet.append(progress.loss))
+    train(
+        noisy, phase(steps=3, learning_rate=1e-9, weight_noise=0.5), report=lambda progress: loud.append(progress.loss)
+    )
+    assert quiet[0] != loud[0]
+
+
+def test_what_is_learned_under_noise_hangs_less_on_the_last_digits() -> None:
+    def moved(noise: float) -> float:
+        """How far noise on the trained weights moves what the region says, rms."""
+        region = spiking()
+        train(region, phase(steps=300, batch=32, weight_noise=noise))
+        x = PopulationUniform(6, -1.0, 1.0).encode(torch.rand(400, 2, generator=torch.Generator().manual_seed(4)), 20)
+        code = region.output_ports["y"].code
+        assert code is not None
+        with torch.no_grad():
+            exact = code.decode(region.step({"x": x}, {})[0]["y"])
+            shifts = []
+            for seed in range(8):
+                other = copy.deepcopy(region)
+                generator = torch.Generator().manual_seed(seed)
+                for parameter in other.parameters():
+                    noise_now = torch.randn(parameter.shape, generator=generator)
+                    parameter.add_(noise_now * 0.03 * parameter.square().mean().sqrt())
+                shifts.append(code.decode(other.step({"x": x}, {})[0]["y"]) - exact)
+        return float(torch.stack(shifts).square().mean().sqrt())
+
+    assert moved(0.05) < moved(0.0)
+
+
 class Loop:
     """A closed loop in which the region meets what it would say of one input for each seed."""
 
@@ -172,7 +210,7 @@ class Loop:
 
 
 def test_also_one_that_learns_from_what_it_meets(tmp_path: Path) -> None:
-    settings = phase(steps=12, on_policy={"share": 0.5, "episodes": 3, "every": 4})
+    settings = phase(steps=12, on_policy={"share": 0.5, "episodes": 3, "every": 4}, weight_noise=0.01)
     straight, broken = spiking(), spiking()
     train(straight, settings, rollout=Loop(straight))
     checkpoints = Checkpoints(tmp_path / "phase.safetensors")

@@ -197,10 +197,12 @@ def test_every_plan_keeps_its_promises(
     assert 0 < planned.confidence.item() <= 1 + 1e-9
     stopping = stopping_speed(one(remaining)).item()
     assert planned.terminal.item() in (0.0, 1.0)
-    if planned.terminal.item():
-        assert planned_speed == pytest.approx(stopping)
-    else:
+    if not planned.terminal.item():
         assert planned_speed <= stopping
+    elif stopping >= speed - LIMIT_UM_S2:
+        assert planned_speed == pytest.approx(stopping)
+    else:  # too fast to stop at the end: it brakes as hard as it may, unless that would pass the end at once
+        assert planned_speed == pytest.approx(min(speed - LIMIT_UM_S2, remaining))
 
 
 def test_more_force_never_makes_a_sure_plan_faster() -> None:
@@ -228,3 +230,27 @@ def test_before_anything_was_planned_speed_and_beta_are_the_papers() -> None:
     inputs = PlannerConfig().inputs(CLOCK)
     assert inputs["speed"].initial == (2.0,)
     assert inputs["beta"].initial == (0.3,)
+    inputs = PlannerConfig().inputs(CLOCK)
+    assert inputs["speed"].initial == (2.0,)
+    assert inputs["beta"].initial == (0.3,)
+
+
+@pytest.mark.parametrize("remaining", [0.5, 10.0, 60.0])
+def test_a_planner_that_aims_past_the_end_plans_as_if_it_were_there(remaining: float) -> None:
+    def speed(remaining: float, aim_past: float) -> float:
+        state = (pair(3.0, 4.0), pair(0.0, 0.0), pair(300.0, 150.0), one(remaining), one(60.0), one(1.0))
+        return plan(*state, aim_past_um=aim_past).speed_um_s.item()
+
+    assert speed(remaining, 4.0) == speed(remaining + 4.0, 0.0) > speed(remaining, 0.0)
+
+
+def test_a_planner_that_is_late_brakes_harder_than_it_would_but_no_harder_than_it_may() -> None:
+    def speed(remaining: float) -> float:
+        state = (pair(3.0, 4.0), pair(0.0, 0.0), pair(300.0, 150.0), one(remaining), one(80.0), one(1.0))
+        return plan(*state, max_acceleration_um_s2=13.0, max_braking_um_s2=15.0).speed_um_s.item()
+
+    chain = 67.0 + 54.0 + 41.0 + 28.0 + 15.0 + 2.0
+    assert speed(chain) == pytest.approx(67.0)
+    assert speed(chain - 5.0) == pytest.approx(67.0 - 5.0 / 6)
+    assert speed(chain - 50.0) == 65.0
+    assert speed(60.0) == 60.0

@@ -6,7 +6,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from neurorobo.clock import Clock
-from neurorobo.codes import CoarseFine, PopulationUniform
+from neurorobo.codes import CoarseFine, PopulationNested, PopulationUniform
 from neurorobo.regions import Port, RegionConfig
 from neurorobo.units import Interval, Unit
 from precision_interaction import table_one
@@ -20,10 +20,10 @@ class InputNeurons(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     force: Neurons = 4
-    forecast: Neurons = 5
+    forecast: Neurons = 4
     variance: Neurons = 2
     remaining: Neurons = Field(default=4, description="Over the whole distance.")
-    braking: Neurons = Field(default=16, description="Over the last part of the distance, beside those over the whole.")
+    braking: Neurons = Field(default=18, description="Over the last part of the distance, beside those over the whole.")
     speed: Neurons = 18
     beta: Neurons = 4
 
@@ -53,13 +53,23 @@ class PrefrontalCortexConfig(RegionConfig):
     )
     force_range: Annotated[Interval, Unit("mN")] = Interval(-100.0, 100.0)
     forecast_range: Annotated[Interval, Unit("mN")] = Interval(-60.0, 60.0)
-    variance_range: Annotated[Interval, Unit("mN^2")] = Interval(0.0, 360.0)
+    variance_range: Annotated[Interval, Unit("mN^2")] = Interval(0.0, 450.0)
     remaining_range: Annotated[Interval, Unit("um")] = Interval(0.0, table_one.LENGTH_UM)
     braking_range: Annotated[Interval, Unit("um")] = Field(
-        default=Interval(0.0, 300.0),
+        default=Interval(0.0, 450.0),
         description="The part of the distance in which to brake; it has a finer code of its own.",
     )
-    speed_range: Annotated[Interval, Unit("um/s")] = Interval(0.0, table_one.MAX_SPEED_UM_S)
+    speed_range: Annotated[Interval, Unit("um/s")] = Field(
+        default=Interval(0.0, table_one.MAX_SPEED_UM_S), description="Of the speed that is planned."
+    )
+    last_speed_range: Annotated[Interval, Unit("um/s")] = Field(
+        default=Interval(0.0, 1.2 * table_one.MAX_SPEED_UM_S),
+        description="Of the speed planned before. It reaches beyond: neurons that fire at every step are a constant "
+        "current, and those that they drive fire always or never.",
+    )
+    last_beta_range: Annotated[Interval, Unit("1")] = Field(
+        default=Interval(0.0, 1.25), description="Of the beta of before; it reaches beyond 1 for the same reason."
+    )
     input_neurons: InputNeurons = InputNeurons()
     prediction_neurons: Neurons = Field(default=112, description="The block of the second layer that learns C_p.")
     terminal_neurons: Neurons = Field(default=48, description="The block of the second layer that learns s_l.")
@@ -72,13 +82,13 @@ class PrefrontalCortexConfig(RegionConfig):
         clock.seconds(self.period)  # a ConfigError if there is none of that name
         neurons = self.input_neurons
         remaining = CoarseFine.of(
-            _over(self.remaining_range, neurons.remaining), _over(self.braking_range, neurons.braking)
+            _nested(self.remaining_range, neurons.remaining), _nested(self.braking_range, neurons.braking)
         )
-        force = _over(self.force_range, neurons.force)
-        forecast = _over(self.forecast_range, neurons.forecast)
-        variance = _over(self.variance_range, neurons.variance)
-        speed = _over(self.speed_range, neurons.speed)
-        beta = _over(Interval(0.0, 1.0), neurons.beta)
+        force = _nested(self.force_range, neurons.force)
+        forecast = _nested(self.forecast_range, neurons.forecast)
+        variance = _nested(self.variance_range, neurons.variance)
+        speed = _nested(self.last_speed_range, neurons.speed)
+        beta = _nested(self.last_beta_range, neurons.beta)
         return {
             "force": Port("mN", 2, force, description="Radial force now."),
             "forecast": Port("mN", 2, forecast, description="Force expected n periods ahead, residual and contact."),
@@ -90,7 +100,8 @@ class PrefrontalCortexConfig(RegionConfig):
 
     def outputs(self, clock: Clock) -> dict[str, Port]:
         """The planned axial speed and beta, and as numbers what the two blocks say."""
-        speed, beta = (_over(limits, self.output_neurons) for limits in (self.speed_range, Interval(0.0, 1.0)))
+        planned = (self.speed_range, Interval(0.0, 1.0))
+        speed, beta = (PopulationUniform(self.output_neurons, limits.lo, limits.hi) for limits in planned)
         return {
             "speed": Port("um/s", 1, speed, description="Planned axial speed."),
             "beta": Port("1", 1, beta, description="Confidence in past performance (Eq. 23)."),
@@ -103,5 +114,5 @@ class PrefrontalCortexConfig(RegionConfig):
         return {**super().signature(clock), "period_s": clock.seconds(self.period)}
 
 
-def _over(limits: Interval, neurons: int) -> PopulationUniform:
-    return PopulationUniform(neurons, limits.lo, limits.hi)
+def _nested(limits: Interval, neurons: int) -> PopulationNested:
+    return PopulationNested(neurons, limits.lo, limits.hi)

@@ -73,3 +73,10 @@ class PlannerConfig(AxialPlannerConfig):
         "and sensor; a trained cerebellum's own error is not in it.",
     )
     creep_speed: Speed = Field(default=table_one.CREEP_SPEED_UM_S, description="Least speed on the way.")
+    max_braking: Annotated[float, Unit("um/s^2", gt=0)] = Field(
+        default=table_one.MAX_ACCELERATION_UM_S2,
+        description="Braking when too fast to stop at the end, at least `max_acceleration`.",
+    )
+    aim_past: Annotated[float, Unit("um", ge=0)] = Field(
+        default=0.0, description="How far past the end to plan the stop, for a pupil that may fall short of its speed."
+    )
