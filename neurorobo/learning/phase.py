@@ -145,8 +145,8 @@ class SupervisePhase(Phase):
     weight_noise: float = Field(
         default=0.0,
         ge=0,
-        description="Gaussian noise on the weights while training, as a share of the rms of their tensor: what is learned "
-        "then does not hang on the last digits, which rounding changes.",
+        description="Gaussian noise on the weights while training, as a share of the rms of their tensor: what is "
+        "learned then does not hang on the last digits, which rounding changes.",
     )
     precision: Literal["bf16", "float32"] = Field(
         default="float32", description="The products of spikes and weights while training; sums are always float32."
