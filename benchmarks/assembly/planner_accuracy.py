@@ -1,7 +1,7 @@
 """How far the prefrontal cortex is from its teacher: over the whole range of every input, and on its own way.
 
 Run ``python benchmarks/assembly/planner_accuracy.py`` (a minute or two). *Uniform* draws every input evenly from the
-range of its code, the distance left evenly from each bin; *on policy* are the situations that the brain meets in
+range of what occurs, the distance left evenly from each bin; *on policy* are the situations that the brain meets in
 insertions over the seeds from 1000 on. The command writes ``benchmarks/assembly/planner_accuracy.json``, prints the
 table of the speed, and exits with 1 if it errs by more than is wanted.
 """
@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import torch
+from precision_interaction.data.planning_states import PlanningStatesConfig
 from torch import Tensor
 
 from neurorobo.config.experiment import Experiment, load_experiment
@@ -27,6 +28,7 @@ from neurorobo.graph.brain import Brain
 from neurorobo.learning.phase import SupervisePhase
 from neurorobo.plugins import Registry
 from neurorobo.regions.region import Region
+from neurorobo.units import Interval
 
 ROOT = Path(__file__).resolve().parents[2]
 LATEST = Path(__file__).with_name("planner_accuracy.json")
@@ -54,12 +56,20 @@ def teachers(experiment: Experiment) -> dict[str, Region]:
 
 
 def uniform(region: Region, states: int, generator: torch.Generator) -> dict[str, Tensor]:
-    """Draw ``states`` situations per bin of the distance left, (states * bins, width) of each input."""
+    """Draw ``states`` situations per bin of the distance left, (states * bins, width) of each input.
+
+    The last speed and beta are such as can be planned, the variance such as is taught; their codes reach beyond.
+    """
     batch = states * len(BINS_UM)
+    occurring = {
+        **{name: region.output_ports[name].code for name in ("speed", "beta")},
+        "variance": Interval(0.0, PlanningStatesConfig().largest_variance),
+    }
     values = {}
     for name, port in region.input_ports.items():
-        assert port.code is not None
-        values[name] = port.code.lo + (port.code.hi - port.code.lo) * torch.rand(batch, port.width, generator=generator)
+        limits = occurring.get(name, port.code)
+        assert limits is not None
+        values[name] = limits.lo + (limits.hi - limits.lo) * torch.rand(batch, port.width, generator=generator)
     edges = torch.tensor(BINS_UM, dtype=torch.float32).repeat_interleave(states, dim=0)
     nearer, further = edges[:, :1], edges[:, 1:]
     return {**values, "remaining": nearer + (further - nearer) * torch.rand(batch, 1, generator=generator)}

@@ -53,7 +53,9 @@ def train(file: Path, overrides: tuple[str, ...], only: tuple[str, ...], threads
                 ),
             )
     except KeyboardInterrupt:
-        raise KeyboardInterrupt(f"the same command goes on from what is in {folder}") from None
+        raise KeyboardInterrupt(
+            f"the same command goes on from what is in {folder}" if folder.exists() else "nothing was trained yet"
+        ) from None
     for finished in reports:
         rms = finished.evaluation.get("rms", {}).items()  # a plugin's rule may have other figures
         errors = ", ".join(f"{port} {[round(value, 3) for value in windows[-1]]}" for port, windows in rms)

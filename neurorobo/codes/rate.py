@@ -56,8 +56,8 @@ class PopulationNested(CountCode):
 
     A value becomes ``k = round((value - lo) / resolution)`` spikes, shared by the neurons as evenly as can be. Each
     neuron takes its steps in an order that leaves no large gap anywhere, that of van der Corput, begun at a place of
-    its own. So a small change of the value is a small change of the spikes, and hardly a step is like another: what
-    reads them meets many sums of weights, where evenly spaced spikes repeat a few. Encoding and decoding again is off
+    its own. So a small change of the value is a small change of the spikes, and fewer steps are alike: what reads
+    them meets many sums of weights, where evenly spaced spikes repeat a few. Encoding and decoding again is off
     by at most half a resolution.
     """
 

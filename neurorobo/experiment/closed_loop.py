@@ -20,6 +20,9 @@ from neurorobo.tasks.task import Flags, Task
 
 Metrics = dict[str, float]
 
+LARGEST_BATCH = 100
+"""Episodes to run side by side; more of them follow in further batches, to bound the memory."""
+
 
 @dataclass(frozen=True)
 class EpisodeResult:

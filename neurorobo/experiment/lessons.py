@@ -9,6 +9,7 @@ from neurorobo.config.experiment import Experiment
 from neurorobo.config.faults import raise_faults
 from neurorobo.config.plugged_reader import read_plugged
 from neurorobo.errors import ConfigError, Fault, did_you_mean
+from neurorobo.experiment.plan import build_plan
 from neurorobo.learning.phase import DataConfig, Phase
 from neurorobo.plugins import Registry
 from neurorobo.regions import RegionConfig
@@ -72,9 +73,12 @@ def _read(phase: BaseModel, experiment: Experiment, registry: Registry) -> Lesso
             faults += error.under(key).faults
     if faults:
         raise ConfigError(faults)
+    if phase.needs_rollout and phase.region not in {use.region for use in build_plan(experiment).uses()}:
+        message = "takes part in no step, so that it meets nothing by itself; use it in `steps`, or train it otherwise"
+        raise ConfigError([Fault(("region",), f"`{phase.region}` {message}")])
     try:
         inputs, outputs = checked_ports(pupil, experiment.clock)
     except ConfigError as error:
         raise error.under("region") from error
-    phase.check(inputs, outputs, experiment.clock, parts)
+    phase.check(pupil, inputs, outputs, experiment.clock, parts)
     return Lesson(phase, pupil, parts)

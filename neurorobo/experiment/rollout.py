@@ -2,15 +2,14 @@
 
 import hashlib
 import json
-from collections.abc import Collection, Mapping, Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence
 
 import torch
 from torch import Tensor
 
 from neurorobo.config.experiment import Experiment
 from neurorobo.experiment.build import build_brain, build_task
-from neurorobo.experiment.closed_loop import run_episodes
+from neurorobo.experiment.closed_loop import LARGEST_BATCH, run_episodes
 from neurorobo.experiment.recorder import Sample
 from neurorobo.graph.plan import Plan
 from neurorobo.regions.region import Region
@@ -32,22 +31,33 @@ class Rollout:
 
     def __call__(self, seeds: Sequence[int]) -> dict[str, Tensor]:
         """Run one episode per seed; inputs are read back from their spikes, as exactly as the region can know them."""
-        steps = {use.name for use in self._brain.plan.uses() if use.region == self._learner}
-        met = _Met(self._brain.region(self._learner), steps)
+        region = self._brain.region(self._learner)
+        met = _Met(region, [use.name for use in self._brain.plan.uses() if use.region == self._learner])
         episode = self._experiment.episode
         duration_ns = None if episode is None else episode.duration
-        run_episodes(self._brain, self._task, seeds, duration_ns=duration_ns, recorders=[met])
+        learning = region.training
+        self._brain.eval()
+        try:
+            for start in range(0, len(seeds), LARGEST_BATCH):
+                batch = seeds[start : start + LARGEST_BATCH]
+                run_episodes(self._brain, self._task, batch, duration_ns=duration_ns, recorders=[met])
+        finally:
+            region.train(learning)
         return {name: torch.cat(values) for name, values in met.numbers.items()}
 
     def fingerprint(self) -> str:
-        """Return the SHA-256 of the experiment, but for its training, and of the weights of the other regions."""
-        resolved: dict[str, Any] = {k: v for k, v in self._experiment.resolved().items() if k != "train"}
-        digest = hashlib.sha256(json.dumps(resolved, sort_keys=True).encode())
+        """Return the SHA-256 of all that decides what the region meets, but for the region's own weights."""
+        resolved = self._experiment.resolved()
+        loop = {key: resolved.get(key) for key in ("seed", "time", "body", "task", "episode", "steps", "command")}
+        regions = {name: resolved["regions"][name] for name in self._brain.names}
+        for region in regions.values():
+            region.pop("weights", None)  # what they are matters, not where they came from
+        digest = hashlib.sha256(json.dumps([loop, regions], sort_keys=True).encode())
         for name in self._brain.names:
             if name != self._learner:
                 for key, tensor in self._brain.region(name).state_dict().items():
                     digest.update(f"{name}.{key}".encode())
-                    digest.update(tensor.contiguous().view(torch.uint8).numpy().tobytes())
+                    digest.update(tensor.contiguous().numpy().tobytes())
         return digest.hexdigest()
 
 
@@ -56,7 +66,7 @@ class _Met:
 
     wants_spikes = False
 
-    def __init__(self, region: Region, steps: Collection[str]) -> None:
+    def __init__(self, region: Region, steps: Sequence[str]) -> None:
         self.numbers: dict[str, list[Tensor]] = {name: [] for name in region.input_ports}
         self._ports = region.input_ports
         self._steps = steps

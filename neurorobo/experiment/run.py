@@ -12,7 +12,7 @@ from neurorobo.config.experiment import Experiment
 from neurorobo.engine import engine_path
 from neurorobo.errors import NeuroroboError
 from neurorobo.experiment.build import build_brain, build_task, untrained
-from neurorobo.experiment.closed_loop import run_episodes
+from neurorobo.experiment.closed_loop import LARGEST_BATCH, run_episodes
 from neurorobo.experiment.plan import build_plan
 from neurorobo.experiment.recorder import Recorder, Setting
 from neurorobo.experiment.run_folder import RunFolder, new_folder_path
@@ -22,9 +22,6 @@ from neurorobo.files import writing
 from neurorobo.graph.plan import Plan
 from neurorobo.plugins import Registry
 from neurorobo.plugins.imports import described
-
-LARGEST_BATCH = 100
-"""Episodes run side by side; more of them follow in further batches, to bound the memory."""
 
 SEEDS_NOTE = "# The seeds of the episodes are in run.json; `seed` is the file's, which draws untrained weights.\n"
 

@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import sys
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +13,7 @@ import torch
 from neurorobo.config.experiment import Experiment
 from neurorobo.config.faults import raise_faults
 from neurorobo.errors import Fault, NeuroroboError
-from neurorobo.experiment.build import build, build_region, noting
+from neurorobo.experiment.build import build, build_region, noting, untrained
 from neurorobo.experiment.lessons import Lesson
 from neurorobo.experiment.plan import build_plan
 from neurorobo.experiment.rollout import Rollout
@@ -75,7 +76,10 @@ def train_experiment(
     reports = []
     for index, course in courses.items():
         phase, region = course.phase, course.region
-        if not files.weights(index).exists():
+        loop = {"loop": rollouts[index].fingerprint()} if index in rollouts else {}
+        if files.weights(index).exists():
+            files.check_loop(index, region, loop)
+        else:
             checkpoints = Checkpoints(files.checkpoint(index), after=files.after(index))
             course.rule(
                 region=region,
@@ -86,7 +90,7 @@ def train_experiment(
                 **course.parts,
                 **({"rollout": rollouts[index]} if index in rollouts else {}),
             )
-            notes = {**files.notes(index), "seconds": f"{checkpoints.seconds:.1f}"}
+            notes = {**files.notes(index), **loop, "seconds": f"{checkpoints.seconds:.1f}"}
             save_weights(region, files.weights(index), notes)
         notes = load_weights(region, files.weights(index))
         files.checkpoint(index).unlink(missing_ok=True)
@@ -149,20 +153,20 @@ def _rollouts(experiment: Experiment, courses: Mapping[int, _Course]) -> dict[in
 
     Those that learn in later phases act with the weights that the file names, as those do that do not learn.
     """
-    wanting = {index: course.phase.region for index, course in courses.items() if course.phase.needs_rollout}
-    if not wanting:
-        return {}
-    plan = build_plan(experiment)
-    used = {use.region for use in plan.uses()}
-    unused = {index: name for index, name in wanting.items() if name not in used}
-    message = "takes part in no step, so that it meets nothing by itself; use it in `steps`, or train it otherwise"
-    unused = {index: name for index, name in wanting.items() if name not in used}
-    faults = [Fault(("train", index, "region"), f"`{name}` {message}") for index, name in unused.items()]
-    raise_faults(experiment.document, faults)
-    return {
-        index: Rollout(experiment, plan, name, {c.phase.region: c.region for i, c in courses.items() if i <= index})
-        for index, name in wanting.items()
-    }
+    rollouts = {}
+    for index, course in courses.items():
+        if course.phase.needs_rollout:
+            plan = build_plan(experiment)
+            taught = {each.phase.region: each.region for i, each in courses.items() if i <= index}
+            for name in untrained(experiment, plan):
+                if name not in taught:
+                    print(
+                        f"note: train.{index}: `{name}` has no `weights` and learns later or not at all; "
+                        "it acts with fresh ones",
+                        file=sys.stderr,
+                    )
+            rollouts[index] = Rollout(experiment, plan, course.phase.region, taught)
+    return rollouts
 
 
 @dataclass(frozen=True)
@@ -210,8 +214,17 @@ class _Files:
             difference = "from other weights than the phase before it has left"
         else:
             return
-        raise NeuroroboError(
-            f"{mine} was trained {difference}; remove it and those of the later phases of "
+        raise self._refused(index, difference)
+
+    def check_loop(self, index: int, region: Region, loop: Mapping[str, str]) -> None:
+        """Raise a NeuroroboError if a finished phase learned in another closed loop than ``loop`` tells."""
+        found = load_weights(region, self.weights(index))
+        if {key: found.get(key) for key in loop} != dict(loop):
+            raise self._refused(index, "in another closed loop: body, task, steps or the other regions have changed")
+
+    def _refused(self, index: int, difference: str) -> NeuroroboError:
+        return NeuroroboError(
+            f"{self.weights(index)} was trained {difference}; remove it and those of the later phases of "
             f"`{self.lessons[index].phase.region}`, or choose another folder with `--out`"
         )
 

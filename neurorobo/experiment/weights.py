@@ -15,7 +15,10 @@ def weights_file(name: str, experiment: Experiment) -> Path:
     if config.weights == "pretrained":
         return pretrained_path(config, experiment.clock)
     folder = experiment.document.folder(("regions", name, "weights"))
-    return (folder / Path(config.weights or "").expanduser()).resolve()
+    try:
+        return (folder / Path(config.weights or "").expanduser()).resolve()
+    except (OSError, RuntimeError, ValueError) as error:  # no such user, links in a circle, a zero byte
+        raise NeuroroboError(f"'{config.weights}' is no path: {error}; name a file") from error
 
 
 def check_weights(experiment: Experiment, plan: Plan) -> None:

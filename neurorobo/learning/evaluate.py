@@ -11,7 +11,7 @@ from neurorobo.errors import NeuroroboError, did_you_mean
 from neurorobo.learning.phase import SupervisePhase, Unroll
 from neurorobo.regions.port import Port
 from neurorobo.regions.region import Probe, Region, State
-from neurorobo.regions.values import convert, initial_value
+from neurorobo.regions.values import convert
 
 
 class Data(Protocol):
@@ -110,12 +110,7 @@ class SideBySide:
         ports, said = self.region.input_ports, self.region.output_ports
 
         def given(name: str, port: Port) -> Tensor:
-            if name in values:
-                return convert(values[name], None, port.code, steps, generators)
-            if port.initial is None:
-                known = did_you_mean(name, values)
-                raise NeuroroboError(f"the training data have nothing for the input `{name}`{known}")
-            return initial_value(port, batch, steps, generators)
+            return convert(numbers(name, port, values, batch), None, port.code, steps, generators)
 
         inputs = {name: given(name, port) for name, port in ports.items()}
         told = {name: given(name, port) for name, port in self.teacher.input_ports.items()}
@@ -132,6 +127,15 @@ class SideBySide:
                 inputs[target] = convert(outputs[source], said[source].code, ports[target].code, steps, generators)
                 told[target] = wanted[source]
         return {name: torch.stack(error) for name, error in errors.items()}
+
+
+def numbers(name: str, port: Port, values: Mapping[str, Tensor], batch: int) -> Tensor:
+    """Return the numbers (batch, width) of an input, or its initial value; a NeuroroboError if there is neither."""
+    if name in values:
+        return values[name]
+    if port.initial is None:
+        raise NeuroroboError(f"the training data have nothing for the input `{name}`{did_you_mean(name, values)}")
+    return torch.tensor(port.initial).expand(batch, -1)
 
 
 def _run(

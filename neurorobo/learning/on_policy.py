@@ -1,6 +1,5 @@
 """Learning from what a region meets by itself: its states in the closed loop, among those of other data (DAgger)."""
 
-import math
 from collections.abc import Mapping, Sequence
 from typing import Protocol
 
@@ -8,7 +7,7 @@ import torch
 from torch import Tensor
 
 from neurorobo.errors import NeuroroboError, did_you_mean
-from neurorobo.learning.evaluate import Data
+from neurorobo.learning.evaluate import Data, numbers
 from neurorobo.learning.phase import OnPolicy
 from neurorobo.regions.port import Port
 
@@ -38,39 +37,35 @@ class OnPolicyData:
         self._settings = settings
         self._inputs = inputs
         self._visits: list[Mapping[str, Tensor]] = []
+        self._met: Mapping[str, Tensor] = {}
         self._drawn = 0
         self.fingerprint = rollout.fingerprint()
 
     def draw(self, batch: int, generator: torch.Generator) -> Mapping[str, Tensor]:
-        """Return numbers (batch, width) by input; a NeuroroboError if the data have an input that the region lacks."""
+        """Return numbers (batch, width) by input.
+
+        Raises a NeuroroboError if the data have an input that the region lacks, or lack one without an initial value.
+        """
         settings = self._settings
         if self._drawn % settings.every == 0:
             seeds = torch.randint(*SEEDS, (settings.episodes,), generator=generator).tolist()
-            # copies, as what was computed in inference mode cannot be trained through
-            met = {name: values.clone() for name, values in self._rollout(seeds).items()}
-            self._visits = [*self._visits, met][-settings.keep :]
+            self._keep([*self._visits, self._rollout(seeds)][-settings.keep :])
         self._drawn += 1
-        count = math.ceil(settings.share * batch)
-        pool = {name: torch.cat([visit[name] for visit in self._visits]) for name in self._inputs}
-        chosen = torch.randint(len(next(iter(pool.values()))), (count,), generator=generator)
+        count = settings.count(batch)
+        chosen = torch.randint(len(next(iter(self._met.values()))), (count,), generator=generator)
+        met = {name: values[chosen] for name, values in self._met.items()}
         if count == batch:
-            return {name: values[chosen] for name, values in pool.items()}
+            return met
         drawn = self._data.draw(batch - count, generator)
-        for name in drawn.keys() - self._inputs.keys():
+        if foreign := sorted(drawn.keys() - met.keys()):
             raise NeuroroboError(
-                f"the training data have `{name}`, which the region has no input for and cannot meet by itself"
-                f"{did_you_mean(name, self._inputs)}; leave it out, or train without `on_policy`"
+                f"the training data have `{foreign[0]}`, which the region has no input for and cannot meet by itself"
+                f"{did_you_mean(foreign[0], met)}; leave it out, or train without `on_policy`"
             )
-        return {name: torch.cat([self._given(name, drawn, batch - count), pool[name][chosen]]) for name in pool}
-
-    def _given(self, name: str, drawn: Mapping[str, Tensor], batch: int) -> Tensor:
-        """Return what the data have for an input, or its initial value."""
-        if name in drawn:
-            return drawn[name]
-        initial = self._inputs[name].initial
-        if initial is None:
-            raise NeuroroboError(f"the training data have nothing for the input `{name}`{did_you_mean(name, drawn)}")
-        return torch.tensor(initial).expand(batch, -1)
+        return {
+            name: torch.cat([numbers(name, port, drawn, batch - count), met[name]])
+            for name, port in self._inputs.items()
+        }
 
     def tensors(self) -> dict[str, Tensor]:
         """Return what was met, as named tensors."""
@@ -82,5 +77,10 @@ class OnPolicyData:
         for key, values in tensors.items():
             number, _, name = key.partition(".")
             visits.setdefault(int(number), {})[name] = values
-        self._visits = [visits[number] for number in sorted(visits)]
+        self._keep([visits[number] for number in sorted(visits)])
         self._drawn = drawn
+
+    def _keep(self, visits: Sequence[Mapping[str, Tensor]]) -> None:
+        """Keep these visits; joined, they are no longer such tensors of inference mode as cannot be trained through."""
+        self._visits = list(visits)
+        self._met = {name: torch.cat([visit[name] for visit in visits]).clone() for name in self._inputs}

@@ -58,17 +58,20 @@ class Unroll(BaseModel):
 class OnPolicy(BaseModel):
     """The share of each batch that a region is to meet by itself, in the closed loop of the experiment.
 
-    Every ``every`` steps it runs ``episodes`` of fresh seeds, all with the weights that it has by then; the inputs that
-    it met in the last ``keep`` such visits are drawn from evenly. What it should have said, its teacher says: a pupil
-    meets the consequences of its own errors, which no distribution made beforehand has (DAgger, Ross et al. 2011).
+    A pupil meets the consequences of its own errors, which no distribution made beforehand has; what it should have
+    said to them, its teacher says. Source: DAgger (Ross, Gordon and Bagnell 2011), but that old visits are forgotten.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
-    share: float = Field(gt=0, le=1)
-    episodes: int = Field(default=16, ge=1)
-    every: int = Field(default=100, ge=1)
-    keep: int = Field(default=8, ge=1)
+    share: float = Field(gt=0, le=1, description="Share of each batch, rounded to whole inputs.")
+    episodes: int = Field(default=16, ge=1, description="Episodes of a visit to the closed loop, each of a fresh seed.")
+    every: int = Field(default=100, ge=1, description="Steps of training from one visit to the next.")
+    keep: int = Field(default=8, ge=1, description="Visits whose inputs are drawn from, the newest ones.")
+
+    def count(self, batch: int) -> int:
+        """Return how many inputs of a batch are met."""
+        return round(self.share * batch)
 
 
 class Phase(BaseModel):
@@ -99,9 +102,14 @@ class Phase(BaseModel):
         return False
 
     def check(
-        self, inputs: Mapping[str, Port], outputs: Mapping[str, Port], clock: Clock, parts: Mapping[str, BaseModel]
+        self,
+        pupil: RegionConfig,
+        inputs: Mapping[str, Port],
+        outputs: Mapping[str, Port],
+        clock: Clock,
+        parts: Mapping[str, BaseModel],
     ) -> None:
-        """Raise a ConfigError with all that does not fit a region of these ports.
+        """Raise a ConfigError with all that does not fit the pupil, a region of these ports.
 
         ``parts`` are configurations; the ports of regions among them have been checked by themselves.
         """
@@ -145,8 +153,9 @@ class SupervisePhase(Phase):
     weight_noise: float = Field(
         default=0.0,
         ge=0,
-        description="Gaussian noise on the weights while training, as a share of the rms of their tensor: what is "
-        "learned then does not hang on the last digits, which rounding changes.",
+        lt=1,
+        description="Gaussian noise on all that is trained while gradients are taken, as a share of the rms of each "
+        "tensor: what is learned then does not hang on the last digits, which rounding changes.",
     )
     precision: Literal["bf16", "float32"] = Field(
         default="float32", description="The products of spikes and weights while training; sums are always float32."
@@ -158,10 +167,15 @@ class SupervisePhase(Phase):
         return self.on_policy is not None
 
     def check(
-        self, inputs: Mapping[str, Port], outputs: Mapping[str, Port], clock: Clock, parts: Mapping[str, BaseModel]
+        self,
+        pupil: RegionConfig,
+        inputs: Mapping[str, Port],
+        outputs: Mapping[str, Port],
+        clock: Clock,
+        parts: Mapping[str, BaseModel],
     ) -> None:
-        """Raise a ConfigError with all that does not fit a region of these ports and its teacher."""
-        faults = [*self._port_faults(inputs, outputs)]
+        """Raise a ConfigError with all that does not fit the pupil, a region of these ports, and its teacher."""
+        faults = [*self._port_faults(inputs, outputs), *self._loop_faults(pupil, inputs)]
         teacher = parts["teacher"]
         assert isinstance(teacher, RegionConfig)
         faults += self._teacher_faults(inputs, outputs, teacher, clock)
@@ -195,6 +209,24 @@ class SupervisePhase(Phase):
             elif (inputs[target].unit, inputs[target].width) != (outputs[source].unit, outputs[source].width):
                 faults.append(Fault(path, f"input `{target}` and output `{source}` differ in unit or width"))
         return faults
+
+    def _loop_faults(self, pupil: RegionConfig, inputs: Mapping[str, Port]) -> Iterator[Fault]:
+        """Yield what keeps the pupil from learning from what it meets by itself: inputs alone are kept of that."""
+        if self.on_policy is None:
+            return
+        if pupil.carry != "never":
+            yield Fault(
+                ("on_policy",), f"`{self.region}` carries a state, and what it met is taught from rest; leave this out"
+            )
+        for name, port in inputs.items():
+            if port.code is not None and port.code.stochastic:
+                message = f"the input `{name}` is drawn at random, so that what was met cannot be told exactly"
+                yield Fault(("on_policy",), f"{message}; give it a deterministic code, or leave this out")
+        if not 0 < self.on_policy.count(self.batch) < self.batch + (self.on_policy.share == 1):
+            yield Fault(
+                ("on_policy", "share"),
+                f"{self.on_policy.share:g} of a batch of {self.batch} is none or all; make the batch larger",
+            )
 
     def _teacher_faults(
         self, inputs: Mapping[str, Port], outputs: Mapping[str, Port], teacher: RegionConfig, clock: Clock

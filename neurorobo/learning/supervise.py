@@ -70,7 +70,7 @@ def supervise(
             with _products("float32"):  # what a region meets by itself is what it will meet when it runs
                 values = data.draw(phase.batch, generator)
             optimiser.zero_grad()
-            with _noise(parameters.values(), phase.weight_noise, generator):
+            with _noise(region, parameters.values(), phase.weight_noise, generator):
                 errors = both.errors(values, generator, rates)
                 loss = _loss(errors, unit_errors, phase.unroll.discount)
                 if phase.rate_penalty:
@@ -175,22 +175,28 @@ def _trainable(region: Region, phase: SupervisePhase) -> Iterator[dict[str, nn.P
 
 
 @contextmanager
-def _noise(parameters: Collection[nn.Parameter], share: float, generator: torch.Generator) -> Iterator[None]:
-    """Let weights be off by Gaussian noise, of a share of the rms of their tensor, and bring them back exactly."""
+def _noise(
+    region: Region, parameters: Collection[nn.Parameter], share: float, generator: torch.Generator
+) -> Iterator[None]:
+    """Let parameters be off by Gaussian noise, of a share of the rms of their tensor, and bring them back exactly.
+
+    They keep their signs and limits.
+    """
     if share == 0:
         yield
         return
     exact = [parameter.detach().clone() for parameter in parameters]
-    with torch.no_grad():
-        for parameter, weight in zip(parameters, exact, strict=True):
-            noise = torch.randn(weight.shape, generator=generator)
-            parameter.add_(noise.mul_(share * weight.square().mean().sqrt()))
     try:
+        with torch.no_grad():
+            for parameter in parameters:
+                noise = torch.randn(parameter.shape, generator=generator)
+                parameter.add_(noise.mul_(share * parameter.square().mean().sqrt()))
+            constrain(region)
         yield
     finally:
         with torch.no_grad():
-            for parameter, weight in zip(parameters, exact, strict=True):
-                parameter.copy_(weight)
+            for parameter, before in zip(parameters, exact, strict=True):
+                parameter.copy_(before)
 
 
 @contextmanager

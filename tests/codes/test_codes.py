@@ -146,6 +146,13 @@ def test_population_nested_leaves_no_neuron_silent_for_long(neurons: int, steps:
             assert gaps.max() <= 4 * steps / len(fired)
 
 
+def test_fewer_steps_of_population_nested_are_alike() -> None:
+    def kinds(kind: Callable[..., Code]) -> int:
+        return len(kind(18, 0.0, 1.0).encode(column(0.8), 50)[:, 0].unique(dim=0))
+
+    assert (kinds(PopulationUniform), kinds(PopulationNested)) == (5, 36)
+
+
 def test_the_papers_example_resolves_a_tenth_of_a_micrometre() -> None:
     position = PopulationUniform(200, -500.0, 500.0)  # um; 50 steps
     assert position.resolution(50) == pytest.approx(0.1)

@@ -1,6 +1,7 @@
 """Training an experiment: what is refused before it starts, what is resumed, and rules of plugins."""
 
 import json
+import re
 import signal
 from collections.abc import Mapping
 from functools import partial
@@ -361,6 +362,7 @@ class LoopPlugin:
     @hookimpl
     def neurorobo_register(self, registry: Registrar) -> None:
         registry.add("rule", "school.loop", f"{HERE}:LoopPhase")
+        Plugin().neurorobo_register(registry)
 
 
 def types() -> Registry:
@@ -370,11 +372,11 @@ def types() -> Registry:
     return registry
 
 
-def loop(folder: Path, text: str = LOOP) -> Experiment:
+def loop(folder: Path, text: str = LOOP, **options: Any) -> Experiment:
     file = folder / "loop.yaml"
     file.write_text(text)
     experiment = load_experiment(file, (), types())
-    train_experiment(experiment, read_lessons(experiment, types()), folder / "out")
+    train_experiment(experiment, read_lessons(experiment, types()), folder / "out", **options)
     return experiment
 
 
@@ -393,6 +395,102 @@ def test_a_region_that_takes_part_in_no_step_meets_nothing(tmp_path: Path) -> No
         loop(tmp_path, LOOP.replace("region: watcher", "region: idle"))
 
 
-def test_the_others_act_with_what_earlier_phases_taught_them_or_the_file_names(tmp_path: Path) -> None:
+def test_the_others_act_with_the_weights_that_the_file_names(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"regions.driver.weights: .*absent.safetensors"):
         loop(tmp_path, LOOP.replace("toy.drive", "toy.drive, weights: absent.safetensors"))
+
+
+ACTING = """\
+neurorobo: 1
+name: loop
+time: {control: 1 s, window: 20}
+body: {type: toy.cart}
+task: {type: toy.reach}
+regions:
+  driver: {type: toy.drive}
+  other: {type: school.scale, unit: mN}
+  pupil: {type: school.scale}
+steps:
+  - drive: {use: driver, position: body.position}
+  - scale: {use: other, x: body.force}
+  - watch: {use: pupil, x: scale.y}
+  - watch_again: {use: pupil, x: body.force}
+command: {speed: drive.speed, nudge: drive.nudge}
+train:
+  - {phase: school.set, region: other, to: 7.0}
+  - {phase: school.loop, region: pupil}
+"""
+TEACHING = (
+    "{phase: supervise, region: pupil, teacher: {type: school.scale, gain: 2.0}, data: school.noise, "
+    "loss: {y: 1 um}, steps: 40, batch: 8, on_policy: {share: 0.5, episodes: 2, every: 7, keep: 2}}"
+)
+SUPERVISED = ACTING.replace("{phase: school.loop, region: pupil}", TEACHING)
+
+
+def test_the_others_act_with_what_earlier_phases_taught_them(tmp_path: Path) -> None:
+    met.clear()
+    for name, text in (("taught", ACTING), ("untaught", ACTING.replace("region: other", "region: pupil"))):
+        (tmp_path / name).mkdir()
+        loop(tmp_path / name, text.replace("  - watch_again: {use: pupil, x: body.force}\n", ""))
+    taught, untaught = (values["x"] for values in met)
+    assert not untaught.any()  # a gain of zero
+    met.clear()
+    loop(tmp_path, ACTING.replace("to: 7.0", "to: 1.0").replace("  - watch_again: {use: pupil, x: body.force}\n", ""))
+    assert taught.any()
+    torch.testing.assert_close(taught, 7.0 * met[0]["x"])
+
+
+def test_a_region_meets_what_each_of_its_steps_is_given(tmp_path: Path) -> None:
+    met.clear()
+    loop(tmp_path, ACTING)
+    one_tick = 4  # two episodes of two steps
+    scaled, plain = met[0]["x"][:one_tick].split(2)
+    torch.testing.assert_close(scaled, 7.0 * plain)
+
+
+def test_an_interrupted_phase_that_acts_ends_with_the_very_same_weights(tmp_path: Path) -> None:
+    def interrupt(index: int, progress: Progress) -> None:
+        if index == 1 and progress.done in (10, 21):  # inside a visit's time, and at its end
+            signal.raise_signal(signal.SIGINT)
+
+    straight, broken = tmp_path / "straight", tmp_path / "broken"
+    for folder in (straight, broken):
+        folder.mkdir()
+    loop(straight, SUPERVISED)
+    for _ in range(2):
+        with pytest.raises(KeyboardInterrupt):
+            loop(broken, SUPERVISED, report=interrupt)
+    loop(broken, SUPERVISED)
+    assert gain(broken, "pupil") == gain(straight, "pupil") != 0.0
+
+
+def test_a_finished_phase_is_tied_to_the_loop_in_which_it_acted(tmp_path: Path) -> None:
+    loop(tmp_path, SUPERVISED)
+    loop(tmp_path, SUPERVISED.replace("name: loop", "name: renamed"))  # which changes nothing that it meets
+    with pytest.raises(NeuroroboError, match=r"phase1_pupil.safetensors was trained in another closed loop: body"):
+        loop(tmp_path, SUPERVISED.replace("toy.cart", "toy.cart, noise: 0.5"))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("share: 0.5", "share: 0.05", "train.1.on_policy.share: 0.05 of a batch of 8 is none or all; make the batch"),
+        ("share: 0.5", "share: 0.99", "train.1.on_policy.share: 0.99 of a batch of 8 is none or all; make the batch"),
+        (
+            "pupil: {type: school.scale}",
+            "pupil: {type: school.scale, carry: always}",
+            "train.1.on_policy: `pupil` carr",
+        ),
+    ],
+)
+def test_what_cannot_act_is_told_before_anything_is_built(tmp_path: Path, old: str, new: str, message: str) -> None:
+    assert old in SUPERVISED
+    with pytest.raises(ConfigError, match=re.escape(message)):
+        loop(tmp_path, SUPERVISED.replace(old, new))
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_note_tells_of_spiking_regions_that_act_untrained(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    text = ACTING.replace("  pupil:", "  watcher: {type: toy.net}\n  pupil:")
+    loop(tmp_path, text.replace("command:", "  - look: {use: watcher, force: body.force}\ncommand:"))
+    assert "note: train.1: `watcher` has no `weights` and learns later or not at all" in capsys.readouterr().err

@@ -51,7 +51,7 @@ def draws(source: OnPolicyData, count: int, seed: int = 1) -> list[Mapping[str, 
     return [source.draw(10, generator) for _ in range(count)]
 
 
-@pytest.mark.parametrize(("share", "met"), [(0.5, 5), (0.01, 1), (1.0, 10)])
+@pytest.mark.parametrize(("share", "met"), [(0.5, 5), (0.12, 1), (0.07, 1), (1.0, 10)])
 def test_a_share_of_each_batch_was_met_and_the_rest_drawn(share: float, met: int) -> None:
     [values] = draws(data(Visits(), share=share), 1)
     assert values["x"].tolist() == [[0.0, 0.0]] * (10 - met) + [[1.0, 1.0]] * met

@@ -230,9 +230,6 @@ def test_before_anything_was_planned_speed_and_beta_are_the_papers() -> None:
     inputs = PlannerConfig().inputs(CLOCK)
     assert inputs["speed"].initial == (2.0,)
     assert inputs["beta"].initial == (0.3,)
-    inputs = PlannerConfig().inputs(CLOCK)
-    assert inputs["speed"].initial == (2.0,)
-    assert inputs["beta"].initial == (0.3,)
 
 
 @pytest.mark.parametrize("remaining", [0.5, 10.0, 60.0])

@@ -30,7 +30,7 @@ class PlanningStatesConfig(DataConfig):
     type: Literal["precision.planning_states"] = "precision.planning_states"
     length: Annotated[float, Unit("um", gt=0)] = table_one.LENGTH_UM
     braking: Annotated[float, Unit("um", gt=0)] = Field(
-        default=300.0, description="The last part of the length, from which half of the states come."
+        default=450.0, description="The last part of the length, from which half of the states come."
     )
     max_speed: Annotated[float, Unit("um/s", gt=0)] = table_one.MAX_SPEED_UM_S
     max_acceleration: Annotated[float, Unit("um/s^2", gt=0)] = Field(

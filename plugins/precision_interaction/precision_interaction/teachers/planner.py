@@ -108,15 +108,15 @@ def plan(
     creep_speed_um_s: float = table_one.CREEP_SPEED_UM_S,
     max_speed_um_s: float = table_one.MAX_SPEED_UM_S,
     max_acceleration_um_s2: float = table_one.MAX_ACCELERATION_UM_S2,
-    max_braking_um_s2: float = table_one.MAX_ACCELERATION_UM_S2,
+    max_braking_um_s2: float | None = None,
     aim_past_um: float = 0.0,
 ) -> AxialPlan:
     """The whole planner, Eq. 20-28: force, forecast, variance (batch, 2); remaining distance, speed, beta (batch, 1).
 
     The variance is that of the n-th imagined period, n Sigma of Eq. 22. The terminal signal is 1 when the desired speed
-    exceeds the stopping speed, which then is the plan; too fast for that, it brakes with ``max_braking_um_s2`` and in
-    the end moves what is left (Eq. 27). With ``aim_past_um`` it plans to stop that far past the end: the command layer
-    stops at the end, and a pupil whose speeds fall a little short still arrives.
+    exceeds the stopping speed, which then is the plan; too fast for that, it brakes with ``max_braking_um_s2``, by
+    default the largest acceleration, and in the end moves what is left (Eq. 27). With ``aim_past_um`` it plans to stop
+    that far past the end: the command layer stops at the end, and a pupil whose speeds fall short still arrives.
     """
     current = assessment(force_mN, speed_um_s, gamma_a=gamma_a, creep_speed_um_s=creep_speed_um_s)
     future = confidence(forecast_mN, variance_mN2, unresolved_variance_mN2=unresolved_variance_mN2)
@@ -135,7 +135,8 @@ def plan(
     left_um = remaining_um + aim_past_um
     stopping_um_s = stopping_speed(left_um, period_s=period_s, max_acceleration_um_s2=max_acceleration_um_s2)
     terminal = (desired_um_s > stopping_um_s).to(desired_um_s)
-    braked_um_s = torch.maximum(stopping_um_s, speed_um_s - max_braking_um_s2 * period_s)
+    braking_um_s2 = max_acceleration_um_s2 if max_braking_um_s2 is None else max_braking_um_s2
+    braked_um_s = torch.maximum(stopping_um_s, speed_um_s - braking_um_s2 * period_s)
     planned_um_s = torch.minimum(torch.minimum(desired_um_s, braked_um_s), left_um / period_s)
     return AxialPlan(planned_um_s, new_beta, future, terminal)
 

@@ -1,8 +1,8 @@
 """The configuration of the prefrontal cortex's teacher, and the ports of what stands in for it; imports no torch."""
 
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal, Self
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from neurorobo.clock import Clock
 from neurorobo.regions import Port
@@ -73,10 +73,19 @@ class PlannerConfig(AxialPlannerConfig):
         "and sensor; a trained cerebellum's own error is not in it.",
     )
     creep_speed: Speed = Field(default=table_one.CREEP_SPEED_UM_S, description="Least speed on the way.")
-    max_braking: Annotated[float, Unit("um/s^2", gt=0)] = Field(
-        default=table_one.MAX_ACCELERATION_UM_S2,
-        description="Braking when too fast to stop at the end, at least `max_acceleration`.",
+    max_braking: Acceleration | None = Field(
+        default=None,
+        description="Braking when too fast to stop at the end; by default `max_acceleration`, at least that.",
     )
     aim_past: Annotated[float, Unit("um", ge=0)] = Field(
         default=0.0, description="How far past the end to plan the stop, for a pupil that may fall short of its speed."
     )
+
+    @model_validator(mode="after")
+    def _brakes_as_hard_as_it_speeds_up(self) -> Self:
+        if self.max_braking is not None and self.max_braking < self.max_acceleration:
+            raise ValueError(
+                f"max_braking, {self.max_braking:g} um/s^2, must not be below max_acceleration, "
+                f"{self.max_acceleration:g} um/s^2"
+            )
+        return self
