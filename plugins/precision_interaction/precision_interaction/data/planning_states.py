@@ -6,7 +6,7 @@ from pydantic import Field
 
 from neurorobo.clock import Clock
 from neurorobo.learning.phase import DataConfig
-from neurorobo.units import Unit
+from neurorobo.units import Interval, Unit
 from precision_interaction import table_one
 
 if TYPE_CHECKING:
@@ -41,6 +41,10 @@ class PlanningStatesConfig(DataConfig):
         default=60.0, description="Per axis; so for the forecast."
     )
     largest_variance: Annotated[float, Unit("mN^2", gt=0)] = 360.0
+    radial_periods: Annotated[Interval, Unit("s")] = Field(
+        default=Interval(0.05, 1.0),
+        description="What is imagined, and so its variance, may be of shorter periods than the axial ones.",
+    )
 
 
 class PlanningStates:
@@ -85,7 +89,9 @@ class PlanningStates:
         ).clamp(0.0, config.max_speed)
         beta = mixture([0.5, 0.5], torch.ones(batch, 1), uniform(0.0, 1.0))
         share = [1.0 - config.off_policy, config.off_policy]
-        expected_mN2 = table_one.IMAGINED_PERIODS * speed_um_s * torch.tensor(table_one.PROPORTIONAL_VARIANCE_MN2_UM)
+        lo, hi = config.radial_periods.lo, config.radial_periods.hi
+        imagined_um = table_one.IMAGINED_PERIODS * speed_um_s * lo * (hi / lo) ** uniform(0.0, 1.0)
+        expected_mN2 = imagined_um * torch.tensor(table_one.PROPORTIONAL_VARIANCE_MN2_UM)
         return {
             "force": mixture(share, normal(FORCE_MN), uniform(-config.largest_force, config.largest_force, 2)),
             "forecast": mixture(share, normal(FORECAST_MN), uniform(-config.largest_force, config.largest_force, 2)),
