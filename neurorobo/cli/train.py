@@ -26,14 +26,21 @@ def train(file: Path, overrides: tuple[str, ...], only: tuple[str, ...], threads
     from neurorobo.errors import NeuroroboError
     from neurorobo.experiment.lessons import read_lessons
     from neurorobo.experiment.plan import build_plan
+    from neurorobo.experiment.weights import check_weights
     from neurorobo.plugins import Registry
 
     registry = Registry.discover()
     experiment = load_experiment(file, overrides, registry)
-    build_plan(experiment)  # a file is trained whole, or refused as `validate` refuses it, but for the weights
+    plan = build_plan(experiment)  # a file is trained whole, or refused as `validate` refuses it, but for most weights
     lessons = read_lessons(experiment, registry)
     if not lessons:
         raise NeuroroboError(f"{file} has no `train` phases; add some, as the guide to training shows")
+    taught: set[str] = set()
+    for lesson in lessons:
+        if not only or lesson.phase.region in only:
+            taught.add(lesson.phase.region)
+            if lesson.phase.needs_rollout:
+                check_weights(experiment, plan, but=taught)  # of those that it acts together with
     import torch
 
     from neurorobo.experiment.train import train_experiment

@@ -37,12 +37,17 @@ class Document:
 
     def place(self, path: DocumentPath) -> str:
         """Return ``file:line:column``, with the overrides that changed a part of it, or the one that set it all."""
+        if self._override(path) is not None:
+            return f"--set {self.overrides_at(path)[0]}"
+        line, column = self.mark(path)
+        return f"{self.source}:{line}:{column}" + "".join(f" with --set {text}" for text in self.overrides_at(path))
+
+    def overrides_at(self, path: DocumentPath) -> list[str]:
+        """Return the override that set what lies at a path, or those that changed a part of it."""
         index = self._override(path)
         if index is not None:
-            return f"--set {self.overrides[index][1]}"
-        line, column = self.mark(path)
-        changed = {place: text for place, text in self.overrides if place[: len(path)] == path}
-        return f"{self.source}:{line}:{column}" + "".join(f" with --set {text}" for text in changed.values())
+            return [self.overrides[index][1]]
+        return list({place: text for place, text in self.overrides if place[: len(path)] == path}.values())
 
     def folder(self, path: DocumentPath) -> Path:
         """Return what a relative path at ``path`` starts from: the file's folder, or where an override was typed."""

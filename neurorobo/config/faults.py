@@ -33,16 +33,18 @@ _MESSAGES = {
 }
 
 
-def raise_faults(document: Document, faults: Iterable[Fault]) -> None:
+def raise_faults(document: Document, faults: Iterable[Fault], *, alone: bool = False) -> None:
     """Raise a ConfigError with every fault on a line of its own, in the order of their places, if there are any.
 
-    Where the file is at fault, a note tells the overrides that are not named: one part of a file can spoil another.
+    Where the file is at fault, a note tells the overrides that are not named: one part of a file can spoil another,
+    unless each is at fault ``alone``.
     """
     ordered = sorted(dict.fromkeys(faults), key=lambda fault: document.order(fault.path))
     if ordered:
         lines = [f"{document.place(fault.path)}: {fault}" for fault in ordered]
-        unnamed = [each for _, text in document.overrides if (each := f"--set {text}") not in "\n".join(lines)]
-        if unnamed and not all(line.startswith("--set ") for line in lines):
+        named = {text for fault in ordered for text in document.overrides_at(fault.path)}
+        unnamed = [f"--set {text}" for _, text in document.overrides if text not in named]
+        if unnamed and not alone and not all(line.startswith("--set ") for line in lines):
             lines.append(f"note: the file was read with {' '.join(unnamed)}, which may be the cause")
         raise ConfigError(ordered, lines)
 

@@ -1,5 +1,6 @@
 """The weights files that an experiment names: found, and checked without building a network."""
 
+from collections.abc import Collection
 from pathlib import Path
 
 from neurorobo.config.experiment import Experiment
@@ -21,14 +22,14 @@ def weights_file(name: str, experiment: Experiment) -> Path:
         raise NeuroroboError(f"'{config.weights}' is no path: {error}; name a file") from error
 
 
-def check_weights(experiment: Experiment, plan: Plan) -> None:
-    """Check the weights of the regions that the steps use; a ConfigError has the place of every file that cannot be."""
+def check_weights(experiment: Experiment, plan: Plan, but: Collection[str] = ()) -> None:
+    """Check the weights of the regions that the steps use, ``but`` some; a ConfigError has the place of every fault."""
     faults = []
     for name in dict.fromkeys(use.region for use in plan.uses()):
         config = experiment.regions[name]
-        if config.weights is not None:
+        if config.weights is not None and name not in but:
             try:
                 check_weights_file(weights_file(name, experiment), config, experiment.clock)
             except NeuroroboError as error:
                 faults.append(Fault(("regions", name, "weights"), str(error)))
-    raise_faults(experiment.document, faults)
+    raise_faults(experiment.document, faults, alone=True)
