@@ -208,6 +208,20 @@ train:
 """  # noqa: E501
 
 
+@pytest.mark.parametrize("path", ["~nosuchuser/w.safetensors", "round.safetensors", '"a\\0b"'])
+def test_a_path_of_weights_that_leads_nowhere(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, path: str
+) -> None:
+    (tmp_path / "round.safetensors").symlink_to(tmp_path / "round.safetensors")
+    file = tmp_path / "x.yaml"
+    file.write_text(GOOD.replace("neurons: 8", f"neurons: 8, weights: {path}"))
+    code, message = call(capsys, monkeypatch, "validate", str(file), "--set", "seed=3")
+    assert code == 2
+    assert message.startswith(f"{file}:6:42: regions.left.weights: ")
+    assert "is no path: " in message
+    assert len(message.splitlines()) == 1  # and no note that the seed may be the cause
+
+
 def test_validate_tells_all_weights_that_a_run_could_not_use(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
