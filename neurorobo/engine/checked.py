@@ -20,7 +20,7 @@ register_optimizer_step_post_hook(_count_step)  # torch's fused optimisers leave
 
 
 @dataclass(frozen=True)
-class _Seen:
+class Seen:
     """A tensor at one version; holding it, and what it shared memory with, keeps both from being given away."""
 
     tensor: Tensor
@@ -48,7 +48,7 @@ class CheckedWeights:
     """
 
     def __init__(self) -> None:
-        self._seen: dict[str, _Seen] = {}
+        self._seen: dict[str, Seen] = {}
 
     def __reduce__(self) -> tuple[Any, ...]:
         return CheckedWeights, ()
@@ -75,12 +75,16 @@ class CheckedWeights:
         self._keep(name, weight, packed)
         return packed
 
+    def seen(self, name: str) -> Seen | None:
+        """Return what was last kept under a name, if anything."""
+        return self._seen.get(name)
+
     def _keep(self, name: str, weight: Tensor, packed: Tensor | None) -> None:
         if weight.is_inference():  # its changes are not counted
             return
         # A tensor that is part of a graph would keep the graph.
         if weight.grad_fn is None:
-            self._seen[name] = _Seen(weight, weight.detach(), weight._version, _optimiser_steps, packed)
+            self._seen[name] = Seen(weight, weight.detach(), weight._version, _optimiser_steps, packed)
 
 
 def check_spikes(spikes: Tensor) -> None:

@@ -64,7 +64,7 @@ def run_events(
     ValueError if a spike is neither 0 nor 1 or a weight is not finite.
     """
     if threshold is None:
-        threshold = _number(population.neuron.threshold)
+        threshold = number_tensor(population.neuron.threshold)
     if torch.is_grad_enabled():
         given = (current, potential, threshold, recurrent_weight, *inputs, *weights)
         if any(tensor is not None and tensor.requires_grad for tensor in given):
@@ -231,7 +231,7 @@ class _Window(torch.autograd.Function):
 
 
 @cache
-def _number(value: float) -> Tensor:
+def number_tensor(value: float) -> Tensor:
     """Return a threshold as a tensor, which may be kept for a way back."""
     with torch.inference_mode(False):
         return torch.tensor(value)

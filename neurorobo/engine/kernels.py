@@ -115,6 +115,54 @@ class Drive(NamedTuple):
     source_index: Tensor | None
 
 
+class NativeWindow:
+    """The arguments of a window that stay when it is run again, and the memory that they point to.
+
+    ``shape`` is (steps, batch, neurons). Run again, it reads what the words of its ``drives`` hold by then, and writes
+    its ``fired``, the words (steps + 1, batch, words) of a recurrent layer's spikes.
+    """
+
+    def __init__(
+        self,
+        shape: Sequence[int],
+        drives: Sequence[Drive],
+        recurrent: Tensor | None,
+        neuron: LIF,
+        threshold: Tensor,
+    ) -> None:
+        steps, batch, neurons = shape
+        self.fired: Tensor | None = None
+        if recurrent is not None:
+            self.fired = torch.empty(steps + 1, batch, (neurons + 63) // 64, dtype=torch.int64)
+        self._memory = (*drives, recurrent, threshold)
+        projections = (_Projection * len(drives))(
+            *(
+                _Projection(
+                    drive.events.sources,
+                    drive.events.words.data_ptr(),
+                    drive.weights.data_ptr(),
+                    _address(drive.source_index),
+                    0 if drive.source_index is None else drive.source_index.shape[1],
+                )
+                for drive in drives
+            )
+        )
+        self.arguments = _Window(
+            steps=steps,
+            batch=batch,
+            neurons=neurons,
+            projections=len(drives),
+            projection=projections,
+            recurrent=_address(recurrent),
+            fired=_address(self.fired),
+            threshold=threshold.data_ptr(),
+            threshold_stride=int(threshold.numel() > 1),
+            decay=neuron.decay,
+            rectify=neuron.rectify,
+        )
+        self.reference = ctypes.byref(self.arguments)
+
+
 def kernels() -> "Kernels | None":
     """Return the native library, or None on the portable path."""
     found = library()
@@ -142,10 +190,16 @@ class Kernels:
     def pack_spikes(self, spikes: Tensor) -> Events:
         """Turn spikes (steps, batch, sources), any strides, into events; a ValueError if any is neither 0 nor 1."""
         steps, batch, sources = spikes.shape
-        if sources > 1 and spikes.stride(2) != 1:
-            spikes = spikes.contiguous()
         words = torch.empty(steps, batch, (sources + 63) // 64, dtype=torch.int64)
-        step_stride, batch_stride, _ = spikes.stride()
+        return Events(words, sources, self.pack_into(words, spikes))
+
+    def pack_into(self, words: Tensor, spikes: Tensor) -> int:
+        """Write spikes as :meth:`pack_spikes` does into the ``words`` of an equal window; return how many there are."""
+        steps, batch, sources = spikes.shape
+        step_stride, batch_stride, stride = spikes.stride()
+        if stride != 1 and sources > 1:
+            spikes = spikes.contiguous()
+            step_stride, batch_stride, _ = spikes.stride()
         count: int = self._pack_spikes(
             spikes.data_ptr(), steps, batch, sources, step_stride, batch_stride, words.data_ptr()
         )
@@ -153,7 +207,7 @@ class Kernels:
             step, rest = divmod(-1 - count, batch * sources)
             element, source = divmod(rest, sources)
             raise ValueError(not_a_spike(spikes, step, element, source))
-        return Events(words, sources, count)
+        return count
 
     def pack_weights(self, weight: Tensor, packed: Tensor | None = None) -> Tensor:
         """Pack weights (targets, sources), into ``packed`` if it fits; a ValueError if any is not a finite number."""
@@ -184,51 +238,34 @@ class Kernels:
         is what the drives add to. ``recurrent`` is packed. ``threshold`` is one number or (neurons). Returns, of a
         recurrent layer, the words (steps + 1, batch, words) of its spikes, those before the window first.
         """
-        steps, batch, neurons = spikes.shape
-        fired = None
-        work = sum(drive.events.ones for drive in drives) * neurons
-        if recurrent is not None:
-            fired = torch.empty(steps + 1, batch, (neurons + 63) // 64, dtype=torch.int64)
-            work += spikes.numel() * neurons // 8
-        projections = (_Projection * len(drives))(
-            *(
-                _Projection(
-                    drive.events.sources,
-                    drive.events.words.data_ptr(),
-                    drive.weights.data_ptr(),
-                    None if drive.source_index is None else drive.source_index.data_ptr(),
-                    0 if drive.source_index is None else drive.source_index.shape[1],
-                )
-                for drive in drives
-            )
-        )
-        failed = self._run_window(
-            ctypes.byref(
-                _Window(
-                    steps,
-                    batch,
-                    neurons,
-                    _threads(work),
-                    _address(current),
-                    len(drives),
-                    projections,
-                    _address(recurrent),
-                    _address(fired),
-                    threshold.data_ptr(),
-                    int(threshold.numel() > 1),
-                    neuron.decay,
-                    neuron.rectify,
-                    spikes.data_ptr(),
-                    _address(potentials),
-                    last.data_ptr(),
-                )
-            )
-        )
+        window = NativeWindow(spikes.shape, drives, recurrent, neuron, threshold)
+        self.run(window, sum(drive.events.ones for drive in drives), last, spikes, current, potentials)
+        return window.fired
+
+    def run(
+        self,
+        window: "NativeWindow",
+        ones: int,
+        last: Tensor,
+        spikes: Tensor,
+        current: Tensor | None = None,
+        potentials: Tensor | None = None,
+    ) -> None:
+        """Run a window whose drives hold ``ones`` spikes; the tensors are those of :meth:`run_window`."""
+        arguments = window.arguments
+        work = ones * arguments.neurons
+        if window.fired is not None:
+            work += spikes.numel() * arguments.neurons // 8
+        arguments.threads = _threads(work)
+        arguments.current = _address(current)
+        arguments.spikes = spikes.data_ptr()
+        arguments.potentials = _address(potentials)
+        arguments.last = last.data_ptr()
+        failed = self._run_window(window.reference)
         if failed == 1:
-            raise MemoryError(f"no memory for a window of {steps} steps of {batch} x {neurons} neurons")
+            raise MemoryError(f"no memory for a window of {' x '.join(map(str, spikes.shape))} neurons")
         if failed:
-            raise ValueError(f"a layer has at most 64 projections, not {len(drives)}")
-        return fired
+            raise ValueError(f"a layer has at most 64 projections, not {arguments.projections}")
 
     def scan_back(
         self,

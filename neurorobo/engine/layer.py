@@ -9,6 +9,7 @@ from torch import Tensor, nn
 from neurorobo.engine.checked import CheckedWeights, check_spikes
 from neurorobo.engine.events import Population, is_native, run_events
 from neurorobo.engine.kernels import Kernels, kernels
+from neurorobo.engine.prepared import MOST_ROWS, Prepared, prepare
 from neurorobo.engine.window import run_steps, run_window
 from neurorobo.neurons import LIF, Neuron
 from neurorobo.synapses import Dense, FanIn, Projection
@@ -44,6 +45,7 @@ class Layer(nn.Module):
         self.recurrent = recurrent
         self.neuron = neuron
         self._checked = CheckedWeights()
+        self._prepared = Prepared()
         self.threshold: nn.Parameter | None = None
         if trainable_threshold:
             if type(neuron) is not LIF:
@@ -54,8 +56,9 @@ class Layer(nn.Module):
 
     def at_rest(self, batch: int) -> Tensor:
         """Return the state at rest, whose first dimension is the batch."""
-        weight: Tensor = self.projections[0].weight  # type: ignore[assignment]
-        state = self.neuron.at_rest(batch, self.neurons).to(weight)
+        (weight, *_) = next(iter(self.projections._modules.values()))._parameters.values()
+        state = self.neuron.at_rest(batch, self.neurons)
+        state = state if is_native(weight) else state.to(weight)
         if self.recurrent is not None and type(self.neuron) is not LIF:
             state = torch.cat([state, state.new_zeros(batch, self.neurons)], dim=1)
         return state
@@ -79,19 +82,47 @@ class Layer(nn.Module):
     def _run(self, inputs: Sequence[Tensor], state: Tensor) -> tuple[Tensor, Tensor]:
         if torch._C._are_functorch_transforms_active():
             raise NotImplementedError("a layer runs under autograd, but not under vmap, grad or others of torch.func")
-        projections = list(self.projections)
+        projections: list[nn.Module] = list(self.projections._modules.values())
+        neuron = self.neuron
+        if type(neuron) is LIF and not torch.is_grad_enabled() and (native := kernels()) is not None:
+            ran = self._run_prepared(native, neuron, projections, inputs, state)
+            if ran is not None:
+                return ran
         self._check_sizes(projections, inputs)
         if self.threshold is not None:
             self._checked.check("threshold", self.threshold)
-        if type(self.neuron) is not LIF:
+        if type(neuron) is not LIF:
             current = self._current(projections, inputs)
-            return run_steps(current, state, self.neuron, self._recurrent_weight())
+            return run_steps(current, state, neuron, self._recurrent_weight())
         if (native := kernels()) is not None:
-            ran = self._run_events(native, projections, inputs, state, self.neuron)
+            ran = self._run_events(native, projections, inputs, state, neuron)
             if ran is not None:
                 return ran
         current = self._current(projections, inputs)
-        return run_window(current, state, self.neuron, self.threshold, self._recurrent_weight())
+        return run_window(current, state, neuron, self.threshold, self._recurrent_weight())
+
+    def _run_prepared(
+        self,
+        native: Kernels,
+        neuron: LIF,
+        projections: Sequence[nn.Module],
+        inputs: Sequence[Tensor],
+        state: Tensor,
+    ) -> tuple[Tensor, Tensor] | None:
+        """Run a window as it was run before, or prepare it; None if it cannot be prepared, or had better not."""
+        prepared = self._prepared.take()
+        if prepared is None or not prepared.fits(native, neuron, projections, self.recurrent, inputs, state):
+            self._check_sizes(projections, inputs)
+            steps, batch, _ = inputs[0].shape
+            if steps * batch > MOST_ROWS or state.shape != (batch, self.neurons) or not is_native(state, *inputs):
+                return None
+            shape = (steps, batch, self.neurons)
+            prepared = prepare(native, self._checked, neuron, shape, projections, self.recurrent, self)
+            if prepared is None:
+                return None
+        ran = prepared.run(inputs, state)
+        self._prepared.put(prepared)
+        return ran
 
     def _check_sizes(self, projections: Sequence[nn.Module], inputs: Sequence[Tensor]) -> None:
         if len(inputs) != len(projections):

@@ -256,6 +256,21 @@ def test_inputs_may_be_views_and_state_and_inputs_are_left_alone() -> None:
         assert torch.equal(state, state_before)
 
 
+@pytest.mark.parametrize("recurrent", [False, True])
+def test_windows_run_again_without_gradients_are_those_with_gradients(recurrent: bool) -> None:
+    layer = build((70, (30, 4)), 143, LIF(), recurrent=recurrent, thresholds=True)
+    state = torch.rand(2, 143, generator=generator(3))
+    windows = [(50, 2, 0.2), (50, 2, 0.3), (50, 2, 0.95), (50, 2, 0.0), (9, 2, 0.2), (1, 1, 0.2), (50, 2, 0.2)]
+    for steps, batch, rate in windows:
+        inputs = [spikes(steps, batch, sources, rate=rate, seed=sources) for sources in (70, 30)]
+        expected = layer(inputs, state[:batch])
+        for _ in range(2):
+            with torch.no_grad():
+                found = layer(inputs, state[:batch])
+            assert torch.equal(found[0], expected[0])
+            assert torch.equal(found[1], expected[1])
+
+
 @torch.no_grad()
 def test_every_change_of_the_weights_is_noticed() -> None:
     layer = build((70,), 143, LIF(), recurrent=True)
@@ -276,6 +291,13 @@ def test_every_change_of_the_weights_is_noticed() -> None:
         lambda: layer.load_state_dict({name: p.roll(1, 0) for name, p in layer.state_dict().items()}),
         replaced,
         lambda: layer.recurrent.weight.zero_(),
+        lambda: setattr(layer, "recurrent", Dense(143, 143, generator(8), gain=2.0)),
+        lambda: layer.projections.__setitem__(0, FanIn(70, 143, 4, generator(7), gain=2.0)),
+        lambda: layer.projections[0].source_index.copy_(layer.projections[0].source_index.flip(0)),
+        lambda: setattr(layer.projections[0], "source_index", layer.projections[0].source_index.roll(1, 0)),
+        lambda: setattr(layer, "neuron", LIF(threshold=0.9)),
+        lambda: setattr(layer, "threshold", nn.Parameter(torch.full((143,), 0.3))),
+        lambda: setattr(layer, "threshold", None),
     ]
     before = layer(inputs, state)[0]
     for change in changes:
