@@ -44,10 +44,20 @@ class PopulationUniform(CountCode):
         import torch
 
         slots = self.neurons * steps
-        count = (self.fraction(values) * slots).round().long()[..., None, None]
-        shift = steps * torch.arange(self.neurons, device=values.device)[:, None]
-        fired = (torch.arange(steps + 1, device=values.device) * count + shift) // slots
-        return fired.diff(dim=-1).flatten(1, 2).permute(2, 0, 1).to(values.dtype)
+        whole = torch.float32 if slots * (steps + 1) < 2**24 else torch.int64  # floats are faster, while they are exact
+        count = (self.fraction(values) * slots).round().to(whole).unsqueeze(-1)
+        time, shift = (table.to(values.device) for table in _staggered(self.neurons, steps, whole))
+        fires = (time * count + shift).remainder_(slots) < count  # where the next whole number is passed
+        return fires.to(values.dtype).flatten(2)
+
+
+@cache
+def _staggered(neurons: int, steps: int, dtype: "torch.dtype") -> "tuple[Tensor, Tensor]":
+    """Return t = 1, 2, ... (steps, 1, 1, 1) and n T of each neuron (neurons)."""
+    import torch
+
+    with torch.inference_mode(False):
+        return torch.arange(1, steps + 1, dtype=dtype)[:, None, None, None], steps * torch.arange(neurons, dtype=dtype)
 
 
 @dataclass(frozen=True)
@@ -63,27 +73,25 @@ class PopulationNested(CountCode):
 
     def encode(self, values: "Tensor", steps: int, generator: "torch.Generator | None" = None) -> "Tensor":
         """Return the spikes of ``values``; deterministic."""
-        import torch
-
-        neuron = torch.arange(self.neurons, device=values.device)
-        count = (self.fraction(values) * (self.neurons * steps)).round().long()
-        share = (count[..., None] + neuron) // self.neurons  # (batch, width, neurons), their sum is the count
-        place = (_van_der_corput(steps).to(values.device)[:, None] + neuron * steps // self.neurons) % steps
-        return (place[:, None, None] < share).to(values.dtype).flatten(2)
+        count = (self.fraction(values) * (self.neurons * steps)).round().long().unsqueeze(-1)
+        first = _firsts(self.neurons, steps).to(values.device)
+        return (count >= first).to(values.dtype).flatten(2)
 
 
 @cache
-def _van_der_corput(steps: int) -> "Tensor":
-    """Return the place of each step in the order of its number's bits read backwards."""
+def _firsts(neurons: int, steps: int) -> "Tensor":
+    """Return the smallest count of a nested code that has each spike, (steps, 1, 1, neurons)."""
     import torch
 
     bits = (steps - 1).bit_length()
     backwards = [int(format(step, f"0{bits}b")[::-1], 2) for step in range(steps)]
-    order = sorted(range(steps), key=backwards.__getitem__)
+    place = [sorted(backwards).index(value) for value in backwards]  # van der Corput's order
+    firsts = [
+        [neurons * ((place[step] + neuron * steps // neurons) % steps + 1) - neuron for neuron in range(neurons)]
+        for step in range(steps)
+    ]
     with torch.inference_mode(False):
-        place = torch.empty(steps, dtype=torch.long)
-        place[order] = torch.arange(steps)
-    return place
+        return torch.tensor(firsts)[:, None, None]
 
 
 @dataclass(frozen=True)
