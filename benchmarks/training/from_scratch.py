@@ -1,6 +1,6 @@
 """Whether training from scratch gives what is shipped: trains the example, and inserts with both sets of weights.
 
-Run ``python benchmarks/training/from_scratch.py`` (an hour and a half on two cores). It runs ``neurorobo train`` into
+Run ``python benchmarks/training/from_scratch.py`` (half an hour on two cores). It runs ``neurorobo train`` into
 ``runs/from_scratch``, then the same insertions with both sets of weights, over seeds from 1000 on. Stopped at any time,
 the same command goes on. It writes ``from_scratch.json`` into the folder, prints what it found, and exits with 1 if
 training took longer than is wanted or a figure is further off than is wanted.
