@@ -56,7 +56,7 @@ class Layer(nn.Module):
 
     def at_rest(self, batch: int) -> Tensor:
         """Return the state at rest, whose first dimension is the batch."""
-        (weight, *_) = next(iter(self.projections._modules.values()))._parameters.values()
+        weight: Tensor = self.projections[0].weight  # type: ignore[assignment]
         state = self.neuron.at_rest(batch, self.neurons)
         state = state if is_native(weight) else state.to(weight)
         if self.recurrent is not None and type(self.neuron) is not LIF:

@@ -155,7 +155,7 @@ class SupervisePhase(Phase):
         ge=0,
         lt=1,
         description="Gaussian noise on all that is trained while gradients are taken, as a share of the rms of each "
-        "tensor: what is learned then does not hang on the last digits, which rounding changes.",
+        "tensor, so that what is learned hangs less on the last digits, which rounding changes.",
     )
     precision: Literal["bf16", "float32"] = Field(
         default="float32", description="The products of spikes and weights while training; sums are always float32."

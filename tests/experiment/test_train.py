@@ -320,7 +320,7 @@ def test_a_rule_that_cannot_be_imported_is_told_before_any_phase_runs(tmp_path: 
     assert "train.1: `tests.experiment.test_train:gone` cannot be imported" in message
 
 
-LOOP = """\
+CART = """\
 neurorobo: 1
 name: loop
 time: {control: 1 s, window: 20}
@@ -328,6 +328,10 @@ body: {type: toy.cart}
 task: {type: toy.reach}
 regions:
   driver: {type: toy.drive}
+"""
+LOOP = (
+    CART
+    + """\
   watcher: {type: toy.net}
   idle: {type: toy.net}
 steps:
@@ -337,6 +341,7 @@ command: {speed: drive.speed, nudge: drive.nudge}
 train:
   - {phase: school.loop, region: watcher}
 """
+)
 
 
 class LoopPhase(Phase):
@@ -400,14 +405,9 @@ def test_the_others_act_with_the_weights_that_the_file_names(tmp_path: Path) -> 
         loop(tmp_path, LOOP.replace("toy.drive", "toy.drive, weights: absent.safetensors"))
 
 
-ACTING = """\
-neurorobo: 1
-name: loop
-time: {control: 1 s, window: 20}
-body: {type: toy.cart}
-task: {type: toy.reach}
-regions:
-  driver: {type: toy.drive}
+ACTING = (
+    CART
+    + """\
   other: {type: school.scale, unit: mN}
   pupil: {type: school.scale}
 steps:
@@ -420,6 +420,7 @@ train:
   - {phase: school.set, region: other, to: 7.0}
   - {phase: school.loop, region: pupil}
 """
+)
 TEACHING = (
     "{phase: supervise, region: pupil, teacher: {type: school.scale, gain: 2.0}, data: school.noise, "
     "loss: {y: 1 um}, steps: 40, batch: 8, on_policy: {share: 0.5, episodes: 2, every: 7, keep: 2}}"
