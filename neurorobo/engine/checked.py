@@ -6,7 +6,7 @@ from typing import Any
 from torch import Tensor
 from torch.optim.optimizer import register_optimizer_step_post_hook
 
-from neurorobo.engine.kernels import Kernels, not_a_spike, not_finite
+from neurorobo.engine.kernels import Kernels, Packed, not_a_spike, not_finite
 
 _optimiser_steps = 0
 
@@ -27,7 +27,7 @@ class Seen:
     memory: Tensor
     version: int
     steps: int
-    packed: Tensor | None
+    packed: Packed | None
 
     def is_still(self, tensor: Tensor) -> bool:
         """Return whether this is the same tensor, unchanged."""
@@ -63,13 +63,17 @@ class CheckedWeights:
                 raise ValueError(f"{name}: {not_finite(weight, place)}")
             self._keep(name, weight, None)
 
-    def packed(self, name: str, weight: Tensor, kernels: Kernels) -> Tensor:
-        """Return the weights (targets, sources) as the kernels want them; raises as :meth:`check` does."""
+    def packed(self, name: str, weight: Tensor, kernels: Kernels, *, as_bytes: bool) -> Packed:
+        """Return the weights (targets, sources) as the kernels want them; raises as :meth:`check` does.
+
+        ``as_bytes`` asks to see whether they fit into bytes, which is not worth its time for weights in training.
+        """
         seen = self._seen.get(name)
         if seen is not None and seen.packed is not None and seen.is_still(weight):
             return seen.packed
         try:
-            packed = kernels.pack_weights(weight, seen.packed if seen is not None and seen.tensor is weight else None)
+            old = seen.packed if seen is not None and seen.tensor is weight else None
+            packed = kernels.pack_weights(weight, old, as_bytes=as_bytes)
         except ValueError as error:
             raise ValueError(f"{name}: {error}") from None
         self._keep(name, weight, packed)
@@ -79,7 +83,7 @@ class CheckedWeights:
         """Return what was last kept under a name, if anything."""
         return self._seen.get(name)
 
-    def _keep(self, name: str, weight: Tensor, packed: Tensor | None) -> None:
+    def _keep(self, name: str, weight: Tensor, packed: Packed | None) -> None:
         if weight.is_inference():  # its changes are not counted
             return
         # A tensor that is part of a graph would keep the graph.

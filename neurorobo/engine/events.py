@@ -13,7 +13,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from neurorobo.engine.checked import CheckedWeights
-from neurorobo.engine.kernels import Drive, Events, Kernels
+from neurorobo.engine.kernels import Drive, Events, Kernels, Packed
 from neurorobo.neurons import LIF
 
 DENSE_ABOVE = 0.7
@@ -22,6 +22,18 @@ DENSE_ABOVE = 0.7
 Where the two take the same time depends on how well torch's product suits the processor: at 0.8 on those that it suits
 best, above 1 on others.
 """
+
+FEW_SOURCES = 64
+"""How many sources a projection has at most for which events pay at any density.
+
+A product would write and read a current for each step of each neuron, to save a few additions.
+"""
+
+
+def most_events(rows: int, sources: int) -> float:
+    """Return how many events of ``rows`` (steps x batch elements) pay; for more, a matrix product does."""
+    share = DENSE_ABOVE if sources > FEW_SOURCES else 1.0
+    return share * rows * sources
 
 
 class Population(NamedTuple):
@@ -96,26 +108,28 @@ def _run(
 ) -> _Ran:
     checked, count = population.checked, len(population.indices)
     inputs, weights = inputs_and_weights[:count], inputs_and_weights[count:]
-    steps = len(inputs[0] if current is None else current)
+    steps, batch = len(inputs[0] if current is None else current), len(potential)
     potentials = current
     drives: list[Drive] = []
     kept: list[Events | None] = []
     for number, (spikes, weight, index) in enumerate(zip(inputs, weights, population.indices, strict=True)):
         name = f"projection {number}"
         events = native.pack_spikes(spikes)
-        if index is None and events.density > DENSE_ABOVE:
+        if index is None and events.ones > most_events(steps * batch, events.sources):
             checked.check(name, weight)
             product = functional.linear(spikes, weight)
             current = product if current is None else current.add_(product)
             kept.append(None)
             continue
         if index is None:
-            drives.append(Drive(events, checked.packed(name, weight, native), None))
+            drives.append(Drive(events, checked.packed(name, weight, native, as_bytes=not training), None))
         else:
             checked.check(name, weight)
-            drives.append(Drive(events, weight.contiguous(), index.contiguous()))
+            drives.append(Drive(events, Packed(weight.contiguous()), index.contiguous()))
         kept.append(events)
-    recurrent = None if recurrent_weight is None else checked.packed("recurrent", recurrent_weight, native)
+    recurrent = None
+    if recurrent_weight is not None:
+        recurrent = checked.packed("recurrent", recurrent_weight, native, as_bytes=not training)
     last = potential.clone().contiguous()
     spikes = last.new_empty(steps, *last.shape)
     if potentials is None and training:

@@ -5,6 +5,7 @@ gradients. Sizes are the caller's to check.
 """
 
 import ctypes
+import math
 from collections.abc import Sequence
 from functools import cache
 from typing import NamedTuple
@@ -29,6 +30,7 @@ class _Projection(ctypes.Structure):
         ("sources", _Integer),
         ("words", _Pointer),
         ("weights", _Pointer),
+        ("unit", ctypes.c_double),
         ("index", _Pointer),
         ("fan_in", _Integer),
     )
@@ -44,6 +46,7 @@ class _Window(ctypes.Structure):
         ("projections", _Integer),
         ("projection", ctypes.POINTER(_Projection)),
         ("recurrent", _Pointer),
+        ("recurrent_unit", ctypes.c_double),
         ("fired", _Pointer),
         ("threshold", _Pointer),
         ("threshold_stride", _Integer),
@@ -100,18 +103,19 @@ class Events(NamedTuple):
     sources: int
     ones: int
 
-    @property
-    def density(self) -> float:
-        """How many of all that could be there are."""
-        steps, batch, _ = self.words.shape
-        return self.ones / max(1, steps * batch * self.sources)
+
+class Packed(NamedTuple):
+    """Weights as the kernels want them: floats, or bytes that count multiples of ``unit``, which is 0 with floats."""
+
+    memory: Tensor
+    unit: float = 0.0
 
 
 class Drive(NamedTuple):
     """One projection onto a layer: events, and weights: packed, or (targets, fan_in) with their sources' index."""
 
     events: Events
-    weights: Tensor
+    weights: Packed
     source_index: Tensor | None
 
 
@@ -126,7 +130,7 @@ class NativeWindow:
         self,
         shape: Sequence[int],
         drives: Sequence[Drive],
-        recurrent: Tensor | None,
+        recurrent: Packed | None,
         neuron: LIF,
         threshold: Tensor,
     ) -> None:
@@ -140,7 +144,8 @@ class NativeWindow:
                 _Projection(
                     drive.events.sources,
                     drive.events.words.data_ptr(),
-                    drive.weights.data_ptr(),
+                    drive.weights.memory.data_ptr(),
+                    drive.weights.unit,
                     _address(drive.source_index),
                     0 if drive.source_index is None else drive.source_index.shape[1],
                 )
@@ -153,7 +158,8 @@ class NativeWindow:
             neurons=neurons,
             projections=len(drives),
             projection=projections,
-            recurrent=_address(recurrent),
+            recurrent=None if recurrent is None else recurrent.memory.data_ptr(),
+            recurrent_unit=0.0 if recurrent is None else recurrent.unit,
             fired=_address(self.fired),
             threshold=threshold.data_ptr(),
             threshold_stride=int(threshold.numel() > 1),
@@ -179,12 +185,15 @@ class Kernels:
         self._pack_weights.argtypes = (_Pointer, _Integer, _Integer, _Pointer)
         self._packed_size = library.neurorobo_packed_size
         self._packed_size.argtypes = (_Integer, _Integer)
+        self._pack_bytes = library.neurorobo_pack_bytes
+        self._pack_bytes.argtypes = (_Pointer, _Integer, _Integer, ctypes.c_double, _Pointer)
+        self._packed_shorts = library.neurorobo_packed_shorts
+        self._packed_shorts.argtypes = (_Integer, _Integer)
         self._run_window = library.neurorobo_run_window
         self._scan_back = library.neurorobo_scan_back
         self._weight_gradient = library.neurorobo_weight_gradient
-        for function in (self._pack_spikes, self._pack_weights, self._packed_size, self._run_window):
+        for function in vars(self).values():
             function.restype = _Integer
-        self._weight_gradient.restype = _Integer
         self._scan_back.restype = None
 
     def pack_spikes(self, spikes: Tensor) -> Events:
@@ -209,23 +218,29 @@ class Kernels:
             raise ValueError(not_a_spike(spikes, step, element, source))
         return count
 
-    def pack_weights(self, weight: Tensor, packed: Tensor | None = None) -> Tensor:
-        """Pack weights (targets, sources), into ``packed`` if it fits; a ValueError if any is not a finite number."""
+    def pack_weights(self, weight: Tensor, old: Packed | None = None, *, as_bytes: bool = False) -> Packed:
+        """Pack weights (targets, sources), into ``old`` if it fits; a ValueError if any is not a finite number.
+
+        With ``as_bytes``, those become bytes that all are small multiples of one power of two.
+        """
         targets, sources = weight.shape
         weight = weight.contiguous()
+        if as_bytes and (unit := _unit(weight)):
+            packed = torch.empty(self._packed_shorts(targets, sources), dtype=torch.int16)
+            if not self._pack_bytes(weight.data_ptr(), targets, sources, unit, packed.data_ptr()):
+                return Packed(packed, unit)
         size = self._packed_size(targets, sources)
-        if packed is None or len(packed) != size:
-            packed = torch.empty(size)
-        broken = self._pack_weights(weight.data_ptr(), targets, sources, packed.data_ptr())
+        memory = torch.empty(size) if old is None or old.unit or len(old.memory) != size else old.memory
+        broken = self._pack_weights(weight.data_ptr(), targets, sources, memory.data_ptr())
         if broken >= 0:
             raise ValueError(not_finite(weight, list(divmod(broken, sources))))
-        return packed
+        return Packed(memory)
 
     def run_window(
         self,
         drives: Sequence[Drive],
         current: Tensor | None,
-        recurrent: Tensor | None,
+        recurrent: Packed | None,
         neuron: LIF,
         threshold: Tensor,
         last: Tensor,
@@ -338,6 +353,18 @@ class Kernels:
         if failed:
             raise MemoryError(f"no memory for the gradient of {targets} x {events.sources} weights")
         return gradient
+
+
+def _unit(weight: Tensor) -> float | None:
+    """Return the least power of two of which no weight is more than 127; None if its sums might not be exact."""
+    sources = weight.shape[1]
+    if 127 * sources >= 2**24:
+        return None
+    largest = max(abs(extreme.item()) for extreme in weight.detach().aminmax())
+    if not math.isfinite(largest) or largest == 0:
+        return None
+    fraction, exponent = math.frexp(largest / 127)
+    return math.ldexp(1.0, exponent - (fraction == 0.5))
 
 
 def not_a_spike(spikes: Tensor, step: int, element: int, source: int) -> str:

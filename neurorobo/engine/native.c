@@ -7,8 +7,9 @@
  *
  * Spikes come as bits: a row of 64-bit words for each step and batch element, source s in bit s % 64 of word s / 64.
  * A layer's currents are then sums of those rows of its weights that the bits select. Weights are packed in tiles of
- * neighbouring targets, (tile, sources, targets of the tile), so that a row of a tile fits into registers. A weight
- * gradient is the same sum with the roles exchanged: rows of current gradients, selected by the bits of one source.
+ * neighbouring targets, (tile, sources, targets of the tile), so that a row of a tile fits into registers: as floats, or
+ * as bytes if all are small multiples of one power of two, whose sums are exact in either form. A weight gradient is
+ * the same sum with the roles exchanged: rows of current gradients, selected by the bits of one source.
  */
 
 #include <pthread.h>
@@ -30,6 +31,9 @@ enum {
     VECTORS = 8, /* the accumulators of one row of a tile; they stay in registers */
     TILE = VECTORS * LANES,
     WORD = 64,       /* sources in one word */
+    SHORTS = VECTOR_BYTES / 2,
+    BYTES = 2 * SHORTS, /* weights in bytes that are added up together */
+    BYTE_WORDS = 4,     /* words of sources whose sums stay within 16 bits: 4 * 64 * 255 < 2^16 */
     LINE = 16,       /* floats in one line of the cache */
     ROWS = 64,       /* rows (steps x batch elements) of a block; its sums stay in the cache nearest to the processor */
     COLUMNS = 256,   /* neurons that a scan takes at once on the way back */
@@ -38,6 +42,8 @@ enum {
 };
 
 typedef float vector __attribute__((vector_size(VECTOR_BYTES), aligned(4), may_alias));
+typedef int16_t shorts __attribute__((vector_size(VECTOR_BYTES), aligned(2), may_alias));
+typedef uint16_t wrapping __attribute__((vector_size(VECTOR_BYTES), aligned(2), may_alias));
 
 #define INLINE static inline __attribute__((always_inline))
 
@@ -176,6 +182,34 @@ int64_t neurorobo_pack_weights(const float *weights, int64_t targets, int64_t so
 /* Return how many floats packed weights take. */
 int64_t neurorobo_packed_size(int64_t targets, int64_t sources) { return pieces(targets, LANES) * LANES * sources; }
 
+/* Return how many numbers of 16 bits weights take that are packed as bytes. */
+int64_t neurorobo_packed_shorts(int64_t targets, int64_t sources) {
+    return pieces(targets, BYTES) * SHORTS * sources;
+}
+
+/* Pack weights (targets, sources) as multiples of a unit, two to a number: of neighbours n and n + SHORTS the first, with
+ * 128 added, is its low byte and the second its high one. Returns 0, or 1 if one is no multiple from -127 to 127. */
+int64_t neurorobo_pack_bytes(const float *weights, int64_t targets, int64_t sources, double unit, int16_t *packed) {
+    float inverse = (float)(1 / unit);
+    for (int64_t first = 0; first < targets; first += TILE) {
+        int64_t count = least(TILE, targets - first), width = pieces(count, BYTES) * SHORTS;
+        for (int64_t i = 0; i < sources * width; i++) packed[i] = 128;
+        for (int64_t n = 0; n < count; n++) {
+            const float *row = weights + (first + n) * sources;
+            int16_t *column = packed + n / BYTES * SHORTS + n % SHORTS, place = n % BYTES < SHORTS ? 1 : 256;
+            for (int64_t s = 0; s < sources; s++) {
+                float multiple = row[s] * inverse;
+                if (!(multiple >= -127.0f && multiple <= 127.0f)) return 1;
+                int whole = (int)multiple;
+                if ((float)whole != multiple) return 1;
+                column[s * width] = (int16_t)(column[s * width] + whole * place);
+            }
+        }
+        packed += sources * width;
+    }
+    return 0;
+}
+
 /* Add to sums those rows of a tile that the words select. */
 INLINE void add_rows(float *sums, const uint64_t *words, int64_t row_words, const float *tile, const int vectors) {
     vector total[VECTORS];
@@ -217,12 +251,52 @@ static void add_events(float *sums, int64_t stride, int64_t rows, const uint64_t
     }
 }
 
+/* As add_events_of, with a tile of bytes. Numbers of two bytes are added up as they are, where the sum of the low bytes
+ * runs over into that of the high ones, and these once more by themselves; then the two can be told apart. */
+INLINE void add_bytes_of(float *sums, int64_t stride, int64_t rows, const uint64_t *const *words, int64_t row_words,
+                         const int16_t *tile, float unit, int cold, const int vectors) {
+    int64_t width = vectors * SHORTS, size = BYTE_WORDS * WORD * width;
+    int64_t lines = cold && rows > 1 ? pieces(size, rows * 2 * LINE) : 0;
+    for (int64_t w = 0; w < row_words; w += BYTE_WORDS, tile += size)
+        for (int64_t r = 0; r < rows; r++) {
+            const int16_t *next = tile + size + r * lines * 2 * LINE, *piece = tile;
+            for (int64_t i = 0; i < lines && w + BYTE_WORDS < row_words; i++) __builtin_prefetch(next + i * 2 * LINE);
+            wrapping both[VECTORS / 4] = {{0}};
+            shorts high[VECTORS / 4] = {{0}};
+            int events = 0;
+            for (int64_t v = w; v < least(w + BYTE_WORDS, row_words); v++, piece += WORD * width)
+                for (uint64_t word = words[r][v]; word; word &= word - 1, events++) {
+                    const shorts *row = (const shorts *)(piece + __builtin_ctzll(word) * width);
+                    for (int i = 0; i < vectors; i++) {
+                        both[i] += (wrapping)row[i];
+                        high[i] += row[i] >> 8;
+                    }
+                }
+            float *sum = sums + r * stride;
+            for (int i = 0; i < vectors; i++)
+                for (int n = 0; n < SHORTS; n++) {
+                    uint16_t low = (uint16_t)(both[i][n] - high[i][n] * 256);
+                    sum[i * BYTES + n] += unit * (float)(low - 128 * events);
+                    sum[i * BYTES + SHORTS + n] += unit * (float)high[i][n];
+                }
+        }
+}
+
+static void add_bytes(float *sums, int64_t stride, int64_t rows, const uint64_t *const *words, int64_t row_words,
+                      const int16_t *tile, float unit, int cold, int64_t vectors) {
+    if (vectors == 1)
+        add_bytes_of(sums, stride, rows, words, row_words, tile, unit, cold, 1);
+    else
+        add_bytes_of(sums, stride, rows, words, row_words, tile, unit, cold, VECTORS / 4);
+}
+
 /* ---- One window of a layer ---- */
 
 typedef struct {
     int64_t sources;
     const uint64_t *words; /* (steps, batch, words) */
-    const float *weights;  /* packed; or (targets, fan_in) */
+    const void *weights;   /* packed, as floats or bytes; or floats (targets, fan_in) */
+    double unit;           /* what a byte counts; 0 if the weights are floats */
     const int64_t *index;  /* the sources (targets, fan_in); NULL if all */
     int64_t fan_in;
 } projection;
@@ -232,7 +306,8 @@ typedef struct {
     const float *current; /* (steps, batch, neurons) that the projections add to, or NULL */
     int64_t projections;
     const projection *projection;
-    const float *recurrent;   /* packed, or NULL */
+    const void *recurrent;    /* packed, or NULL */
+    double recurrent_unit;
     uint64_t *fired;          /* (steps + 1, batch, words) of a recurrent layer; the first row is of before the window */
     const float *threshold;   /* one, or one per neuron */
     int64_t threshold_stride; /* 0 or 1 */
@@ -278,7 +353,7 @@ static void add_fan_in(float *sums, int64_t rows, const projection *p, const flo
             vector total[ROWS / LANES] = {{0}};
             for (int64_t j = 0; j < p->fan_in; j++) {
                 int64_t synapse = (first + i + n) * p->fan_in + j;
-                float weight = p->weights[synapse];
+                float weight = ((const float *)p->weights)[synapse];
                 const vector *lanes = (const vector *)(expanded + p->index[synapse] * ROWS);
                 for (int v = 0; v < ROWS / LANES; v++) total[v] += weight * lanes[v];
             }
@@ -311,18 +386,29 @@ INLINE void scan_of(const window *w, const block *k, const float *sums, const fl
     }
 }
 
+/* Add the currents of all sources of a tile's neurons, from `first` on, to the sums of the rows. */
+static void add_dense(float *sums, int64_t rows, const uint64_t *const *words, int64_t sources, const void *weights,
+                      double unit, int64_t first, int64_t count, int cold) {
+    int64_t row_words = pieces(sources, WORD), at = sources * first;
+    if (unit > 0)
+        add_bytes(sums, TILE, rows, words, row_words, (const int16_t *)weights + at / 2, (float)unit, cold,
+                  pieces(count, BYTES));
+    else
+        add_events(sums, TILE, rows, words, row_words, (const float *)weights + at, cold, pieces(count, LANES));
+}
+
 /* Run the neurons of one tile through one block. */
 static void run_block(const window *w, const block *k, int64_t tile, const float *const *expanded) {
     float sums[ROWS * TILE], threshold[TILE];
     const uint64_t *words[ROWS];
     int64_t rows = k->steps * k->elements, first = tile * TILE, count = least(TILE, w->neurons - first);
-    int64_t vectors = pieces(count, LANES), row_words;
+    int64_t width = pieces(count, BYTES) * BYTES;
     int cold = k->step == 0 && k->element == 0;
     for (int64_t r = 0; r < rows; r++) {
         float *sum = sums + r * TILE;
         if (w->current) memcpy(sum, w->current + row_of(w, k, r) * w->neurons + first, (size_t)count * sizeof(float));
         int64_t given = w->current ? count : 0;
-        memset(sum + given, 0, (size_t)(vectors * LANES - given) * sizeof(float));
+        memset(sum + given, 0, (size_t)(width - given) * sizeof(float));
     }
     for (int64_t p = 0; p < w->projections; p++) {
         const projection *from = &w->projection[p];
@@ -330,14 +416,12 @@ static void run_block(const window *w, const block *k, int64_t tile, const float
             add_fan_in(sums, rows, from, expanded[p], first, count);
             continue;
         }
-        row_words = pieces(from->sources, WORD);
-        for (int64_t r = 0; r < rows; r++) words[r] = from->words + row_of(w, k, r) * row_words;
-        add_events(sums, TILE, rows, words, row_words, from->weights + from->sources * first, cold, vectors);
+        for (int64_t r = 0; r < rows; r++) words[r] = from->words + row_of(w, k, r) * pieces(from->sources, WORD);
+        add_dense(sums, rows, words, from->sources, from->weights, from->unit, first, count, cold);
     }
     if (w->recurrent) { /* row t of `fired` is of the step before */
-        row_words = pieces(w->neurons, WORD);
-        for (int64_t r = 0; r < rows; r++) words[r] = w->fired + row_of(w, k, r) * row_words;
-        add_events(sums, TILE, rows, words, row_words, w->recurrent + w->neurons * first, cold, vectors);
+        for (int64_t r = 0; r < rows; r++) words[r] = w->fired + row_of(w, k, r) * pieces(w->neurons, WORD);
+        add_dense(sums, rows, words, w->neurons, w->recurrent, w->recurrent_unit, first, count, cold);
     }
     if (w->threshold_stride)
         memcpy(threshold, w->threshold + first, (size_t)count * sizeof(float));

@@ -4,6 +4,7 @@ A window of one brain takes some tens of microseconds. To look at all arguments 
 native call would take as long again, and give the same each time.
 """
 
+import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
@@ -11,8 +12,8 @@ import torch
 from torch import Tensor, nn
 
 from neurorobo.engine.checked import CheckedWeights, Seen
-from neurorobo.engine.events import DENSE_ABOVE, is_native, number_tensor
-from neurorobo.engine.kernels import Drive, Events, Kernels, NativeWindow
+from neurorobo.engine.events import is_native, most_events, number_tensor
+from neurorobo.engine.kernels import Drive, Events, Kernels, NativeWindow, Packed
 from neurorobo.neurons import LIF
 from neurorobo.synapses import Dense, FanIn, Projection
 
@@ -41,7 +42,7 @@ class PreparedWindow:
         projections: Sequence[Projection],
         drives: Sequence[Drive],
         recurrent: nn.Module | None,
-        recurrent_weights: Tensor | None,
+        recurrent_weights: Packed | None,
         neuron: LIF,
         threshold: Tensor,
         held: Sequence[Held],
@@ -54,8 +55,10 @@ class PreparedWindow:
         self._state_shape = (batch, neurons)
         self._input_shapes = [(steps, batch, drive.events.sources) for drive in drives]
         self._words = [drive.events.words for drive in drives]
-        most = [DENSE_ABOVE if drive.source_index is None else 1.0 for drive in drives]
-        self._most = [share * steps * batch * drive.events.sources for share, drive in zip(most, drives, strict=True)]
+        self._most = [
+            math.inf if drive.source_index is not None else most_events(steps * batch, drive.events.sources)
+            for drive in drives
+        ]
         self._window = NativeWindow(shape, drives, recurrent_weights, neuron, threshold)
 
     def fits(
@@ -125,17 +128,17 @@ def prepare(
         held.append(Held(layer, "threshold", None))
     else:
         members["threshold"] = layer
-    ready: dict[str, Tensor] = {}
+    ready: dict[str, Packed] = {}
     for name, module in members.items():
         key = "threshold" if module is layer else "weight"
         parameter = module._parameters.get(key)
         if parameter is None or not is_native(parameter):
             return None
         if type(module) is Dense:
-            ready[name] = checked.packed(name, parameter, native)
+            ready[name] = checked.packed(name, parameter, native, as_bytes=True)
         elif module is layer or type(module) is FanIn:
             checked.check(name, parameter)
-            ready[name] = parameter.detach().contiguous()
+            ready[name] = Packed(parameter.detach().contiguous())
         else:
             return None
         seen = checked.seen(name)
@@ -148,7 +151,7 @@ def prepare(
         words = torch.empty(steps, batch, (module.sources + 63) // 64, dtype=torch.int64)
         index = module.source_index.contiguous() if isinstance(module, FanIn) else None
         drives.append(Drive(Events(words, module.sources, 0), weights, index))
-    threshold = ready.get("threshold", number_tensor(neuron.threshold))
+    threshold = ready["threshold"].memory if "threshold" in ready else number_tensor(neuron.threshold)
     return PreparedWindow(native, shape, known, drives, recurrent, ready.get("recurrent"), neuron, threshold, held)
 
 

@@ -227,6 +227,45 @@ def test_neither_threads_nor_the_instruction_set_change_a_bit(kind: str, monkeyp
             assert torch.equal(tensor, other[name]), name
 
 
+def packed_unit(weight: Tensor) -> float:
+    native = kernels.kernels()
+    assert native is not None
+    return native.pack_weights(weight, as_bytes=True).unit
+
+
+def test_weights_are_packed_as_bytes_only_if_all_of_them_are_small_multiples_of_one_number() -> None:
+    weight = torch.randint(-127, 128, (143, 300), generator=generator()).float()
+    weight[7, 9] = 127
+    for scale in (2.0**-9, 1.0, 2.0**60):
+        assert packed_unit(weight * scale) == scale
+    assert packed_unit(weight / 3) == 0
+    for value in (128.0, -128.0, 0.5, 1e-30, 1e30):
+        weight[100, 200] = value
+        assert packed_unit(weight) == 0
+    assert packed_unit(torch.zeros(3, 4)) == 0
+    assert packed_unit(torch.ones(1, 2**24 // 127)) == 2.0**-6
+    assert packed_unit(torch.ones(1, 2**24 // 127 + 1)) == 0  # their sum could leave the 24 bits of a float
+
+
+@pytest.mark.parametrize("sources", [1, 64, 65, 255, 256, 257, 700])
+@torch.no_grad()
+def test_no_sum_of_bytes_runs_over(sources: int) -> None:
+    """At most 256 of them are added up in 16 bits: here all of the largest, of either sign and mixed."""
+    signs = torch.tensor([[1.0], [-1.0]]).repeat(72, 1)[:143].expand(143, sources).clone()
+    signs[::3, ::2] *= -1
+    layer = Layer([Dense(sources, 143, generator())], LIF(threshold=1.0, decay=0.5))
+    layer.projections[0].weight.copy_(signs * 127 / 4096)
+    assert packed_unit(layer.projections[0].weight) == 2.0**-12
+    for rate in (1.0, 0.6):
+        inputs, state = [spikes(70, 2, sources, rate)], torch.zeros(2, 143)
+        for instructions in instruction_sets():
+            with engine("native", instructions):
+                found, last = copy.deepcopy(layer)(inputs, state)
+            expected, expected_last = plainly(layer, inputs, state)
+            assert torch.equal(found, expected)
+            assert torch.equal(last, expected_last)
+
+
 @torch.no_grad()
 def test_one_layer_serves_several_threads_at_once() -> None:
     layer = build((300,), 143, LIF(), recurrent=True)
@@ -346,10 +385,14 @@ def shapes(draw: st.DrawFn) -> Shape:
     )
 
 
-@given(shape=shapes(), rate=st.sampled_from([0.0, 0.1, 0.5, 0.9]))
+@given(shape=shapes(), rate=st.sampled_from([0.0, 0.1, 0.5, 0.9]), coarse=st.booleans())
 @settings(max_examples=int(os.environ.get("NEUROROBO_FUZZ", "40")))
-def test_all_shapes_agree_with_the_reference(shape: Shape, rate: float) -> None:
+def test_all_shapes_agree_with_the_reference(shape: Shape, rate: float, coarse: bool) -> None:
     layer = build(shape.sources, shape.neurons, LIF(surrogate=Surrogate("arctan")), recurrent=shape.recurrent)
+    if coarse:  # weights that are packed as bytes
+        with torch.no_grad():
+            for parameter in layer.parameters():
+                parameter.copy_(to_grid(parameter, 4))
     sources = [s[0] if isinstance(s, tuple) else s for s in shape.sources]
     inputs = [spikes(shape.steps, shape.batch, n, rate, seed) for seed, n in enumerate(sources)]
     state = to_grid(torch.rand(shape.batch, shape.neurons, generator=generator(2)), 12)
