@@ -44,11 +44,14 @@ class CoarseFine(Code):
 
     def encode(self, values: "Tensor", steps: int, generator: "torch.Generator | None" = None) -> "Tensor":
         """Return the spikes of ``values``: per component the coarse neurons, then the fine ones."""
+        return self.joined(*(code.encode(values, steps, generator) for code in (self.coarse, self.fine)))
+
+    def joined(self, coarse: "Tensor", fine: "Tensor") -> "Tensor":
+        """Return the spikes of this code, of those of its two parts."""
         import torch
 
-        parts = [
-            code.encode(values, steps, generator).unflatten(-1, (-1, code.neurons)) for code in (self.coarse, self.fine)
-        ]
+        shape = (*coarse.shape[:2], -1)
+        parts = (coarse.view(*shape, self.coarse.neurons), fine.view(*shape, self.fine.neurons))
         return torch.cat(parts, dim=-1).flatten(2)
 
     def decode(self, spikes: "Tensor") -> "Tensor":

@@ -74,13 +74,13 @@ class PopulationNested(CountCode):
     def encode(self, values: "Tensor", steps: int, generator: "torch.Generator | None" = None) -> "Tensor":
         """Return the spikes of ``values``; deterministic."""
         count = (self.fraction(values) * (self.neurons * steps)).round().long().unsqueeze(-1)
-        first = _firsts(self.neurons, steps).to(values.device)
+        first = nested_firsts(self.neurons, steps).to(values.device)
         return (count >= first).to(values.dtype).flatten(2)
 
 
 @cache
-def _firsts(neurons: int, steps: int) -> "Tensor":
-    """Return the smallest count of a nested code that has each spike, (steps, 1, 1, neurons)."""
+def nested_firsts(neurons: int, steps: int) -> "Tensor":
+    """Return from which count on a nested code has each spike, (steps, 1, 1, neurons)."""
     import torch
 
     bits = (steps - 1).bit_length()

@@ -190,11 +190,15 @@ class Kernels:
         self._packed_shorts = library.neurorobo_packed_shorts
         self._packed_shorts.argtypes = (_Integer, _Integer)
         self._run_window = library.neurorobo_run_window
+        self._encode = library.neurorobo_encode
+        self._encode.argtypes = (_Pointer, *(_Integer,) * 3, *(ctypes.c_double,) * 2, *(_Pointer,) * 2)
+        self._decode = library.neurorobo_decode
+        self._decode.argtypes = (_Pointer, *(_Integer,) * 3, *(ctypes.c_double,) * 2, _Pointer)
         self._scan_back = library.neurorobo_scan_back
         self._weight_gradient = library.neurorobo_weight_gradient
         for function in vars(self).values():
             function.restype = _Integer
-        self._scan_back.restype = None
+        self._scan_back.restype = self._decode.restype = None
 
     def pack_spikes(self, spikes: Tensor) -> Events:
         """Turn spikes (steps, batch, sources), any strides, into events; a ValueError if any is neither 0 nor 1."""
@@ -353,6 +357,30 @@ class Kernels:
         if failed:
             raise MemoryError(f"no memory for the gradient of {targets} x {events.sources} weights")
         return gradient
+
+    def encode(
+        self, values: Tensor, steps: int, neurons: int, lo: float, hi: float, firsts: Tensor | None
+    ) -> Tensor | None:
+        """Return the spikes (steps, batch, width * neurons) of values (batch, width); None if one is not finite.
+
+        They are as many as the value's place in ``lo..hi`` tells, spread evenly, or nested if ``firsts`` says of each
+        (steps, 1, 1, neurons) from which number on it is there.
+        """
+        batch, width = values.shape
+        spikes = torch.empty(steps, batch, width * neurons)
+        values = values.contiguous()
+        wrong = self._encode(
+            values.data_ptr(), batch * width, neurons, steps, lo, hi, _address(firsts), spikes.data_ptr()
+        )
+        return spikes if wrong < 0 else None
+
+    def decode(self, spikes: Tensor, neurons: int, lo: float, resolution: float) -> Tensor:
+        """Return ``lo + resolution * count`` (batch, width) of spikes (steps, batch, width * neurons)."""
+        steps, batch, channels = spikes.shape
+        values = torch.empty(batch, channels // neurons)
+        spikes = spikes.contiguous()
+        self._decode(spikes.data_ptr(), steps, values.numel(), neurons, lo, resolution, values.data_ptr())
+        return values
 
 
 def _unit(weight: Tensor) -> float | None:

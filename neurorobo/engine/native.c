@@ -683,6 +683,53 @@ int64_t neurorobo_weight_gradient(const weight_gradient *k) {
     return failed;
 }
 
+/* ---- Codes that count spikes ---- */
+
+/* Write the spikes (steps, values, neurons) of a code that turns each value into the nearest number of spikes: spread
+ * evenly if `first` is NULL, else each where (steps, neurons) says from which number on it is there. Returns -1, or the
+ * position of the first value that is not finite. */
+int64_t neurorobo_encode(const float *value, int64_t values, int64_t neurons, int64_t steps, double lo, double hi,
+                         const int64_t *first, float *spikes) {
+    int64_t slots = neurons * steps, room[COLUMNS];
+    float low = (float)lo, range = (float)(hi - lo);
+    for (int64_t v = 0; v < values; v++) {
+        if (value[v] - value[v] != 0) return v;
+        float fraction = (value[v] - low) / range;
+        fraction = fraction < 0.0f ? 0.0f : fraction > 1.0f ? 1.0f : fraction;
+        /* Rounded to the nearest whole number, halves to an even one, by what a double has room for. */
+        int64_t count = (int64_t)((double)(fraction * (float)slots) + 0x1.8p52 - 0x1.8p52);
+        for (int64_t n0 = 0; n0 < neurons; n0 += COLUMNS) {
+            int64_t some = least(COLUMNS, neurons - n0);
+            for (int64_t n = 0; n < some; n++) room[n] = (n0 + n) * steps;
+            for (int64_t t = 0; t < steps; t++) {
+                float *row = spikes + (t * values + v) * neurons + n0;
+                if (first) {
+                    for (int64_t n = 0; n < some; n++) row[n] = count >= first[t * neurons + n0 + n] ? 1.0f : 0.0f;
+                    continue;
+                }
+                for (int64_t n = 0; n < some; n++) { /* a neuron fires when its share of the count is a whole number */
+                    int64_t now = room[n] + count;
+                    row[n] = now >= slots ? 1.0f : 0.0f;
+                    room[n] = now >= slots ? now - slots : now;
+                }
+            }
+        }
+    }
+    return -1;
+}
+
+/* Write `lo + resolution * count` of each value whose spikes (steps, values, neurons) are given. */
+void neurorobo_decode(const float *spikes, int64_t steps, int64_t values, int64_t neurons, double lo,
+                      double resolution, float *value) {
+    float low = (float)lo, unit = (float)resolution;
+    for (int64_t v = 0; v < values; v++) {
+        float count = 0;
+        for (int64_t t = 0; t < steps; t++)
+            for (int64_t n = 0; n < neurons; n++) count += spikes[(t * values + v) * neurons + n];
+        value[v] = low + count * unit;
+    }
+}
+
 /* ---- About the build ---- */
 
 /* Return the instruction set of this processor, as far as there is a build for it: 2 AVX-512, 1 AVX2, 0 other. */

@@ -15,6 +15,7 @@ from neurorobo.experiment.recorder import Counts, Sample, Sampler
 from neurorobo.graph.brain import Brain
 from neurorobo.graph.plan import Edge, Use
 from neurorobo.regions.region import Probe
+from neurorobo.regions.values import to_numbers
 from neurorobo.tasks.supervised import SupervisedTask
 from neurorobo.tasks.task import Flags, Task
 
@@ -60,7 +61,7 @@ def run_episodes(
     batch = len(seeds)
     running: Flags = np.ones(batch, dtype=np.bool_)
     supervised = None if task is None else SupervisedTask(task)
-    watch = _Watch(batch, any(recorder.wants_spikes for recorder in recorders))
+    watch = _Watch(batch, bool(recorders), any(recorder.wants_spikes for recorder in recorders))
     state = brain.init_state(seeds)
     with torch.inference_mode(), _stopped_at_the_end(task):
         if supervised is not None:
@@ -75,6 +76,7 @@ def run_episodes(
             finite = {name: np.nan_to_num(value, posinf=0.0, neginf=0.0) for name, value in observation.items()}
             numbers = {name: torch.as_tensor(value, dtype=torch.float32) for name, value in finite.items()}
             commands, state = brain.tick(numbers, state, watch)
+            watch.end()
             given: Mapping[str, Array] = {}
             interventions: Mapping[str, Counts] = {}
             ended = np.zeros(batch, dtype=np.bool_)
@@ -129,37 +131,42 @@ class _Watch:
     """Observes a brain for the samples, the firing rates and the saturations."""
 
     batch: int
+    keeps_values: bool
     keeps_spikes: bool
     inputs: dict[str, list[Mapping[str, Tensor]]] = field(default_factory=dict)
     outputs: dict[str, dict[str, Tensor]] = field(default_factory=dict)
     spikes: dict[str, dict[str, Tensor]] = field(default_factory=dict)
     running: Tensor = field(init=False)
+    heard: dict[str, tuple[Tensor, int]] = field(default_factory=dict)  # of this tick: spikes (batch), and chances
     fired: dict[str, Tensor] = field(default_factory=dict)
     chances: dict[str, Tensor] = field(default_factory=dict)
     saturations: dict[str, Tensor] = field(default_factory=dict)
 
     def begin(self, running: Flags) -> None:
         """Start a tick, in which the ``running`` episodes count."""
-        self.inputs, self.outputs, self.spikes = {}, {}, {}
+        self.inputs, self.outputs, self.spikes, self.heard = {}, {}, {}, {}
         self.running = torch.from_numpy(running.astype(np.float64))
+
+    def end(self) -> None:
+        """End a tick."""
+        for region, (fired, chances) in self.heard.items():
+            self.fired[region] = self.fired.get(region, 0) + self.running * fired
+            self.chances[region] = self.chances.get(region, 0) + self.running * chances
 
     def used(self, use: Use, iteration: int, inputs: Mapping[str, Tensor], outputs: Mapping[str, Tensor]) -> None:
         """Keep the inputs of a use as they came, and its outputs as numbers."""
-        self.inputs.setdefault(use.name, []).append(inputs)
-        self.outputs[use.name] = {
-            name: value if (code := use.outputs[name].code) is None else code.decode(value)
-            for name, value in outputs.items()
-        }
+        if self.keeps_values:
+            self.inputs.setdefault(use.name, []).append(inputs)
+            self.outputs[use.name] = {
+                name: to_numbers(value, use.outputs[name].code) for name, value in outputs.items()
+            }
 
     def probe(self, use: Use) -> Probe:
         """Count the spikes of a use, and keep them if a recorder wants them."""
 
         def listen(layer: str, spikes: Tensor) -> None:
-            zero = torch.zeros(self.batch, dtype=torch.float64)
-            fired = self.fired.setdefault(use.region, zero)
-            chances = self.chances.setdefault(use.region, zero)
-            self.fired[use.region] = fired + self.running * spikes.sum((0, 2)).double()
-            self.chances[use.region] = chances + self.running * (spikes.shape[0] * spikes.shape[2])
+            fired, chances = self.heard.get(use.region, (0, 0))
+            self.heard[use.region] = (fired + spikes.sum((0, 2)), chances + spikes.shape[0] * spikes.shape[2])
             if self.keeps_spikes:
                 self.spikes.setdefault(use.name, {})[layer] = spikes
 

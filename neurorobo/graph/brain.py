@@ -12,7 +12,7 @@ from neurorobo.errors import NeuroroboError
 from neurorobo.graph.compile import BODY
 from neurorobo.graph.plan import Edge, Plan, Repeat, Use
 from neurorobo.regions.region import Probe, Region, State
-from neurorobo.regions.values import convert, initial_value
+from neurorobo.regions.values import from_numbers, initial_value, to_numbers
 
 _PREFIX = "region_"
 
@@ -29,7 +29,8 @@ class Observer(Protocol):
     def saturated(self, edge: Edge, count: Tensor) -> None:
         """Take how many components of a value, ``count`` (batch), were out of the range of the code they went into.
 
-        Called each time that an edge encodes or recodes; a sensor's value is encoded only where it is read.
+        Called each time that an edge encodes or recodes what is out of range for any member of the batch; a sensor's
+        value is encoded only where it is read.
         """
 
 
@@ -234,7 +235,8 @@ class _Moment:
                 raise NeuroroboError(f"`{source}` did not give `{edge.output}`, which `{edge.reader}` reads")
             value = outputs[edge.output]
             if edge.reduction == "newest":
-                value = self.converted(edge, value, edge.source_port.code, edge.reader_port.code)
+                if edge.conversion:
+                    value = self.converted(edge, value, edge.source_port.code, edge.reader_port.code)
             else:
                 numbers = self.converted(edge, value, edge.source_port.code, None)
                 value = torch.cat([numbers, torch.ones(self.state.batch, 1)], dim=1)
@@ -254,11 +256,16 @@ class _Moment:
 
     def converted(self, edge: Edge, value: Tensor, source: Code | None, target: Code | None) -> Tensor:
         """Convert a value on its way along an edge, and tell the observer what saturates."""
-        if self.observer is not None and target is not None and source != target:
+        if source == target:
+            return value
+        numbers = to_numbers(value, source)
+        if self.observer is not None and target is not None:
             # A decoded value may leave its code's range by a rounding.
-            numbers = value if source is None else source.decode(value).clamp(source.lo, source.hi)
-            self.observer.saturated(edge, target.saturated(numbers).sum(1))
-        return convert(value, source, target, self.steps, self.generators)
+            inside = numbers if source is None else numbers.clamp(source.lo, source.hi)
+            outside = target.saturated(inside)
+            if outside.any():
+                self.observer.saturated(edge, outside.sum(1))
+        return from_numbers(numbers, target, self.steps, self.generators)
 
     def run_repeat(self, block: Repeat) -> None:
         """Run a block of uses several times; the states of its forks and of ``carry: repeat`` live and end with it."""

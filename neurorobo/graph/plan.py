@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 from neurorobo.clock import Clock
@@ -40,12 +41,12 @@ class Edge:
     iterations_back: int = 0
     restarts_in_repeat: bool = False
 
-    @property
+    @cached_property
     def name(self) -> str:
         """The key of the edge's buffer in the state."""
         return f"{self.reader}.{self.input}" + (" then" if self.takes_over else "")
 
-    @property
+    @cached_property
     def conversion(self) -> Literal["", "encode", "decode", "recode"]:
         """What happens to a value on its way, so that it can be seen in the printed plan."""
         source, reader = self.source_port.code, self.reader_port.code

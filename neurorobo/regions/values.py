@@ -6,6 +6,7 @@ import torch
 from torch import Tensor
 
 from neurorobo.codes import Code
+from neurorobo.engine.coding import decode, encode
 from neurorobo.regions.port import Port
 
 
@@ -26,10 +27,19 @@ def convert(
     """
     if source == target:
         return value
-    numbers = value if source is None else source.decode(value)
+    return from_numbers(to_numbers(value, source), target, steps, generators)
+
+
+def to_numbers(value: Tensor, source: Code | None) -> Tensor:
+    """Return the numbers (batch, width) of a value in some code, or that has none."""
+    return value if source is None else decode(source, value)
+
+
+def from_numbers(numbers: Tensor, target: Code | None, steps: int, generators: Sequence[torch.Generator]) -> Tensor:
+    """Return numbers (batch, width) in a code, or as they are if it is None."""
     if target is None:
         return numbers
     if not target.stochastic:
-        return target.encode(numbers, steps)
+        return encode(target, numbers, steps)
     rows = zip(numbers.split(1), generators, strict=True)
     return torch.cat([target.encode(row, steps, generator) for row, generator in rows], dim=1)

@@ -54,4 +54,5 @@ def test_a_busy_neighbour_does_not_multiply_the_latency() -> None:
                     crowded.append(median_s())
     finally:
         torch.set_num_threads(threads)
-    assert min(crowded) < 2 * min(alone)
+    # Twice is what a fair share of a full machine costs; threads that wait for each other cost fifty times as much.
+    assert min(crowded) < 4 * min(alone)

@@ -339,10 +339,10 @@ def test_a_sensor_is_encoded_only_where_it_is_read() -> None:
         ],
         {"push": "slow.same", "pull": "late.same"},
     )
-    state, commands = brain.init_state([0]), []
-    for tick in range(6):
-        due, state = brain.tick({"force": torch.tensor([[20.0 + tick]])}, state, Counter())
-        commands.append({name: float(value) for name, value in due.items()})
+    state, commands = brain.init_state([0, 0]), []
+    for tick in range(6):  # the second run is always out of range
+        due, state = brain.tick({"force": torch.tensor([[20.0 + tick], [200.0]])}, state, Counter())
+        commands.append({name: float(value[0]) for name, value in due.items()})
     assert [tick for name, tick in counted if name == "slow.a"] == [0, 4]
     assert [tick for name, tick in counted if name == "quick.a"] == [0, 1, 2, 3, 4, 5]
     assert [tick for name, tick in counted if name == "late.a"] == [
