@@ -131,9 +131,9 @@ def _run(
     if recurrent_weight is not None:
         recurrent = checked.packed("recurrent", recurrent_weight, native, as_bytes=not training)
     last = potential.clone().contiguous()
-    spikes = last.new_empty(steps, *last.shape)
+    spikes = native.empty((steps, *last.shape))
     if potentials is None and training:
-        potentials = torch.empty_like(spikes) if current is None else current
+        potentials = native.empty(spikes.shape) if current is None else current
     fired = native.run_window(
         drives, current, recurrent, population.neuron, threshold.contiguous(), last, spikes, potentials
     )
@@ -182,7 +182,7 @@ class _Window(torch.autograd.Function):
         _, _, needs_current, needs_potential, needs_threshold, needs_recurrent, *needs = ctx.needs_input_grad
         zero = potentials.new_zeros(()).expand_as(potentials)
         grad_spikes = zero if grad_spikes is None else grad_spikes
-        grad_current = torch.empty_like(potentials)
+        grad_current = native.empty(potentials.shape)
         grad_threshold = torch.zeros_like(potential) if needs_threshold else None
 
         def back(

@@ -21,6 +21,9 @@ _Pointer = ctypes.c_void_p
 
 SHAPES = {"rectangular": 0, "triangular": 1, "arctan": 2, "fast_sigmoid": 3}
 
+LARGE_BYTES = 2**23
+"""From what size on memory asks for large pages; what is smaller, the allocator hands out again as it is."""
+
 WORK_FOR_THREADS = 4_000_000
 """Additions of one weight below which a window stays on one thread: they take about as long as starting another."""
 
@@ -198,7 +201,17 @@ class Kernels:
         self._weight_gradient = library.neurorobo_weight_gradient
         for function in vars(self).values():
             function.restype = _Integer
-        self._scan_back.restype = self._decode.restype = None
+        self._use_large_pages = library.neurorobo_use_large_pages
+        self._use_large_pages.argtypes = (_Pointer, _Integer)
+        for function in (self._scan_back, self._decode, self._use_large_pages):
+            function.restype = None
+
+    def empty(self, shape: Sequence[int]) -> Tensor:
+        """Return a tensor to be written; large ones, such as spikes of large batches, in large pages."""
+        room = torch.empty(shape)
+        if room.nbytes >= LARGE_BYTES:
+            self._use_large_pages(room.data_ptr(), room.nbytes)
+        return room
 
     def pack_spikes(self, spikes: Tensor) -> Events:
         """Turn spikes (steps, batch, sources), any strides, into events; a ValueError if any is neither 0 nor 1."""
@@ -367,7 +380,7 @@ class Kernels:
         (steps, 1, 1, neurons) from which number on it is there.
         """
         batch, width = values.shape
-        spikes = torch.empty(steps, batch, width * neurons)
+        spikes = self.empty((steps, batch, width * neurons))
         values = values.contiguous()
         wrong = self._encode(
             values.data_ptr(), batch * width, neurons, steps, lo, hi, _address(firsts), spikes.data_ptr()

@@ -100,7 +100,7 @@ class PreparedWindow:
                 return None
             ones += count
         last = state.clone(memory_format=torch.contiguous_format)
-        fired = torch.empty(self._shape)
+        fired = native.empty(self._shape)
         native.run(self._window, ones, last, fired)
         return fired, last
 

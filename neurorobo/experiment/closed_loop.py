@@ -21,8 +21,11 @@ from neurorobo.tasks.task import Flags, Task
 
 Metrics = dict[str, float]
 
-LARGEST_BATCH = 100
-"""Episodes to run side by side; more of them follow in further batches, to bound the memory."""
+LARGEST_BATCH = 16
+"""Episodes to run side by side; more of them follow in further batches.
+
+The spikes of many more would not stay in the cache, and each of them would take longer.
+"""
 
 
 @dataclass(frozen=True)
