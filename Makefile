@@ -11,12 +11,13 @@ TORCH_INDEX ?=
 BIN := .venv/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 PLUGINS := $(wildcard plugins/*/pyproject.toml)
+SANITIZERS := -fsanitize=address,undefined -fno-sanitize-recover=all -fno-omit-frame-pointer
 
 .DEFAULT_GOAL := help
-.PHONY: help run train test check docs clean python
+.PHONY: help run train test sanitize check docs clean python
 
 help: ## list the targets
-	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "make %-7s%s\n", $$1, $$2}' Makefile
+	@awk -F ':.*## ' '/^[a-z]+:.*## / {printf "make %-9s%s\n", $$1, $$2}' Makefile
 
 run: .venv/.installed ## set up, then insert a peg with the spiking brain and save a recording
 	$(BIN)/neurorobo run examples/peg_in_hole.yaml
@@ -26,6 +27,14 @@ train: .venv/.installed ## train the three brain regions from scratch (up to an 
 
 test: .venv/.installed-dev ## set up, then run the tests
 	$(BIN)/pytest
+
+# The second library is for the exceptions that torch throws and catches. What Python leaks is not of interest.
+sanitize: .venv/.installed-dev ## run the tests with the C code under the address and undefined-behaviour sanitizers
+	rm -rf build/sanitized
+	CC='$(CC)' CFLAGS='$(SANITIZERS)' LDFLAGS='$(SANITIZERS)' $(BIN)/python setup.py --quiet build_ext \
+	  --build-temp build/sanitized/objects --build-lib build/sanitized
+	LD_PRELOAD="$$($(CC) -print-file-name=libasan.so) $$($(CC) -print-file-name=libstdc++.so)" ASAN_OPTIONS=detect_leaks=0 \
+	  NEUROROBO_LIBRARIES='$(CURDIR)/build/sanitized/neurorobo/engine' NEUROROBO_ENGINE=native NEUROROBO_FUZZ=100 $(BIN)/pytest
 
 check: .venv/.installed-dev ## lint, types, layers, schema, examples and documentation
 	$(BIN)/ruff check

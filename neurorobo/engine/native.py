@@ -21,6 +21,9 @@ INSTRUCTIONS_VARIABLE = "NEUROROBO_INSTRUCTIONS"
 INSTRUCTION_SETS = ("baseline", "avx2", "avx512")
 """From the plainest to the best; the number is what the library calls it."""
 
+LIBRARIES_VARIABLE = "NEUROROBO_LIBRARIES"
+"""The folder of the libraries, built with other flags; unset, those that were installed with the package."""
+
 FOLDER = Path(__file__).parent
 
 
@@ -64,6 +67,8 @@ def _choose() -> tuple[EnginePath, ctypes.CDLL | None]:
                 why = (
                     f"{INSTRUCTIONS_VARIABLE}={name}" if instructions else "the best that was built for this processor"
                 )
+                if folder := os.environ.get(LIBRARIES_VARIABLE):
+                    why += f", in {LIBRARIES_VARIABLE}={folder}"
                 return EnginePath("native", why, name), loaded
     assert reason is not None
     if engine == "native" or instructions:
@@ -80,8 +85,12 @@ def _processor() -> tuple[int, str | None]:
 @cache
 def _load(instructions: str) -> tuple[ctypes.CDLL | None, str | None]:
     """Return the library for one instruction set, or why there is none."""
-    candidates = (FOLDER / f"_native_{instructions}{suffix}" for suffix in EXTENSION_SUFFIXES)
+    other = os.environ.get(LIBRARIES_VARIABLE)
+    folder = Path(other) if other else FOLDER
+    candidates = (folder / f"_native_{instructions}{suffix}" for suffix in EXTENSION_SUFFIXES)
     file = next((file for file in candidates if file.exists()), None)
+    if file is None and other:
+        return None, f"there is no library for {instructions} in {LIBRARIES_VARIABLE}={other}"
     if file is None:
         machine = f"{platform.system()} {platform.machine()}"
         return None, (

@@ -1,5 +1,6 @@
 """Which path the engine takes and why; both refuse the same, and neither is harmed by torch's transforms."""
 
+import os
 import shutil
 import subprocess
 import sys
@@ -18,19 +19,17 @@ from neurorobo.synapses import Dense, FanIn
 from tests.engine.paths import engine, needs_native
 
 
-@pytest.fixture(params=["portable", pytest.param("native", marks=needs_native())])
-def path(request: pytest.FixtureRequest) -> Iterator[str]:
-    with engine(request.param):
-        yield request.param
-
-
 @pytest.fixture
 def no_libraries(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
     """An installation whose compiler failed."""
     monkeypatch.setattr(native, "FOLDER", tmp_path)
+    monkeypatch.delenv(native.LIBRARIES_VARIABLE, raising=False)
     native._load.cache_clear()
     yield tmp_path
     native._load.cache_clear()
+
+
+LIBRARIES = Path(os.environ.get(native.LIBRARIES_VARIABLE, native.FOLDER))
 
 
 def generator(seed: int = 0) -> torch.Generator:
@@ -65,13 +64,13 @@ def test_without_libraries_the_engine_takes_the_portable_path_and_says_why(no_li
 
 @needs_native()
 def test_a_library_of_another_version_is_not_used(no_libraries: Path) -> None:
-    folder = Path(native.__file__).parent
-    for file in folder.glob("_native_*"):
+    for file in LIBRARIES.glob("_native_*"):
         shutil.copy(file, no_libraries)
     with engine(""):
         assert engine_path().name == "native"  # no source to compare with, as in an installation
     native._load.cache_clear()
-    (no_libraries / "native.c").write_text((folder / "native.c").read_text() + "/* changed */\n")
+    source = Path(native.__file__).with_name("native.c").read_text()
+    (no_libraries / "native.c").write_text(source + "/* changed */\n")
     with engine(""):
         assert engine_path().name == "portable"
         assert "was built from another version of native.c" in engine_path().reason
@@ -79,22 +78,33 @@ def test_a_library_of_another_version_is_not_used(no_libraries: Path) -> None:
 
 @needs_native()
 def test_a_library_that_cannot_be_loaded_is_not_used(no_libraries: Path) -> None:
-    for file in Path(native.__file__).parent.glob("_native_*"):
+    for file in LIBRARIES.glob("_native_*"):
         (no_libraries / file.name).write_bytes(b"no library")
     with engine(""):
         assert engine_path().name == "portable"
         assert "cannot be loaded" in engine_path().reason
 
 
+@needs_native()
+def test_libraries_from_another_folder_are_named(no_libraries: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv(native.LIBRARIES_VARIABLE, str(LIBRARIES))
+    with engine("native"):
+        assert engine_path().reason.endswith(f"in NEUROROBO_LIBRARIES={LIBRARIES}")
+    native._load.cache_clear()
+    monkeypatch.setenv(native.LIBRARIES_VARIABLE, str(no_libraries))
+    with engine("native"), pytest.raises(NeuroroboError, match=r"no library for baseline in NEUROROBO_LIBRARIES=/"):
+        engine_path()
+
+
 @pytest.mark.parametrize(
-    ("path", "instructions", "words"),
+    ("engine_name", "instructions", "words"),
     [
         ("fast", "", "`native`, `portable` or unset, not 'fast'"),
         ("", "mmx", "baseline, avx2, avx512 or unset, not 'mmx'"),
     ],
 )
-def test_an_unknown_path_is_refused(path: str, instructions: str, words: str) -> None:
-    with engine(path, instructions), pytest.raises(NeuroroboError, match=words):
+def test_an_unknown_path_is_refused(engine_name: str, instructions: str, words: str) -> None:
+    with engine(engine_name, instructions), pytest.raises(NeuroroboError, match=words):
         engine_path()
 
 
