@@ -7,7 +7,7 @@ order of summation, which differs between events and matrix products, does not m
 import copy
 import os
 import pickle
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Literal
@@ -29,9 +29,9 @@ from tests.engine.paths import engine, instruction_sets, needs_native
 pytestmark = needs_native()
 
 
-@pytest.fixture(autouse=True)
-def native_path() -> object:
-    with engine("native", os.environ.get("NEUROROBO_INSTRUCTIONS", "")):
+@pytest.fixture(autouse=True, params=instruction_sets())
+def native_path(request: pytest.FixtureRequest) -> Iterator[None]:
+    with engine("native", request.param):
         yield
 
 
@@ -361,6 +361,35 @@ def test_a_change_of_weights_between_the_ways_is_refused_as_autograd_does() -> N
         fired.sum().backward()
 
 
+def arranged(tensor: Tensor, memory: str) -> Tensor:
+    """Return equal numbers that lie otherwise in memory; a vector may then begin at any of them."""
+    *rest, columns = tensor.shape
+    if memory == "transposed":
+        return tensor.transpose(0, 1).contiguous().transpose(0, 1)
+    if memory == "every other":
+        return torch.stack([tensor, tensor], dim=-1).flatten(-2)[..., ::2]
+    if memory == "cut out":
+        return torch.cat([tensor.new_ones(*rest, 3), tensor, tensor.new_ones(*rest, 2)], dim=-1)[..., 3 : 3 + columns]
+    return tensor.contiguous()
+
+
+MEMORIES = ("contiguous", "transposed", "every other", "cut out")
+
+
+@pytest.mark.parametrize("memory", MEMORIES)
+def test_gradients_may_come_in_any_memory(memory: str) -> None:
+    layer = build((70, (40, 3)), 143, LIF(surrogate=Surrogate("arctan")), recurrent=True)
+    leaves = list(layer.parameters())
+    of_spikes, of_last = torch.randn(9, 4, 143, generator=generator(3)), torch.randn(4, 143, generator=generator(4))
+    found = []
+    for kind in ("contiguous", memory):
+        outputs = layer([spikes(9, 4, 70), spikes(9, 4, 40)], torch.zeros(4, 143))
+        found.append(torch.autograd.grad(outputs, leaves, [arranged(of_spikes, kind), arranged(of_last, kind)]))
+    for expected, gradient in zip(*found, strict=True):
+        assert expected.abs().max() > 0
+        assert torch.equal(gradient, expected)
+
+
 @dataclass(frozen=True)
 class Shape:
     steps: int
@@ -368,27 +397,38 @@ class Shape:
     neurons: int
     sources: Sources
     recurrent: bool
+    thresholds: bool
+    rectify: bool
+    memory: str
+
+
+EDGES = [edge + beside for edge in (32, 64, 128, 256) for beside in (-1, 0, 1)]
+"""Of words, and of the tiles of all instruction sets."""
 
 
 @st.composite
 def shapes(draw: st.DrawFn) -> Shape:
     sources = []
     for _ in range(draw(st.integers(1, 3))):
-        count = draw(st.integers(1, 140))
+        count = draw(st.integers(1, 140) | st.sampled_from(EDGES))
         sources.append((count, draw(st.integers(1, min(count, 6)))) if draw(st.booleans()) else count)
     return Shape(
-        draw(st.integers(1, 70)),
-        draw(st.integers(1, 20)),
-        draw(st.integers(1, 300)),
+        draw(st.integers(1, 140) | st.sampled_from(EDGES[:9])),
+        draw(st.integers(0, 20)),
+        draw(st.integers(1, 300) | st.sampled_from(EDGES)),
         tuple(sources),
         draw(st.booleans()),
+        draw(st.booleans()),
+        draw(st.booleans()),
+        draw(st.sampled_from(MEMORIES)),
     )
 
 
 @given(shape=shapes(), rate=st.sampled_from([0.0, 0.1, 0.5, 0.9]), coarse=st.booleans())
 @settings(max_examples=int(os.environ.get("NEUROROBO_FUZZ", "40")))
 def test_all_shapes_agree_with_the_reference(shape: Shape, rate: float, coarse: bool) -> None:
-    layer = build(shape.sources, shape.neurons, LIF(surrogate=Surrogate("arctan")), recurrent=shape.recurrent)
+    neuron = LIF(surrogate=Surrogate("arctan"), rectify=shape.rectify)
+    layer = build(shape.sources, shape.neurons, neuron, recurrent=shape.recurrent, thresholds=shape.thresholds)
     if coarse:  # weights that are packed as bytes
         with torch.no_grad():
             for parameter in layer.parameters():
@@ -396,11 +436,19 @@ def test_all_shapes_agree_with_the_reference(shape: Shape, rate: float, coarse: 
     sources = [s[0] if isinstance(s, tuple) else s for s in shape.sources]
     inputs = [spikes(shape.steps, shape.batch, n, rate, seed) for seed, n in enumerate(sources)]
     state = to_grid(torch.rand(shape.batch, shape.neurons, generator=generator(2)), 12)
+
+    def run(layer: Layer, inputs: list[Tensor], state: Tensor) -> tuple[Tensor, Tensor]:
+        return layer([arranged(x, shape.memory) for x in inputs], state)
+
     with torch.no_grad():
-        found, last = layer(inputs, state)
+        found, last = run(layer, inputs, state)
         expected, expected_last = plainly(layer, inputs, state)
     assert torch.equal(found, expected)
     assert torch.equal(last, expected_last)
-    theirs = gradients(plainly, copy.deepcopy(layer).double(), [x.double() for x in inputs], state.double())
-    for name, gradient in gradients(Layer.__call__, layer, inputs, state).items():
-        assert (gradient - theirs[name]).abs().max() <= 1e-5 * theirs[name].abs().max() + 1e-9, name
+    if shape.batch == 0:
+        return
+    # Both in single precision: in double, a potential that lies next to the threshold may fire, and a rectified one
+    # that has decayed to zero has not yet done so.
+    theirs = gradients(plainly, layer, inputs, state)
+    for name, gradient in gradients(run, layer, inputs, state).items():
+        assert (gradient - theirs[name]).abs().max() <= 1e-4 * theirs[name].abs().max() + 1e-9, name
