@@ -1,16 +1,18 @@
 """A layer: projections onto one population of neurons."""
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Any, ClassVar
 
 import torch
 from torch import Tensor, nn
+from torch.autograd import forward_ad
 
 from neurorobo.engine.checked import CheckedWeights, check_spikes
 from neurorobo.engine.events import Population, is_native, run_events
 from neurorobo.engine.kernels import Kernels, kernels
 from neurorobo.engine.prepared import MOST_ROWS, Prepared, prepare
-from neurorobo.engine.window import run_steps, run_window
+from neurorobo.engine.window import check_potential, run_checked, run_steps
 from neurorobo.neurons import LIF, Neuron
 from neurorobo.synapses import Dense, FanIn, Projection
 
@@ -25,6 +27,8 @@ class Layer(nn.Module):
     :class:`LIF` neurons, and of others what their model says, with the last spikes behind it if the layer is recurrent.
     The thresholds of LIF neurons can be trained, one per neuron.
     """
+
+    _run_apart: ClassVar[Callable[..., Any] | None] = None
 
     def __init__(
         self,
@@ -73,22 +77,29 @@ class Layer(nn.Module):
     def forward(self, inputs: Sequence[Tensor], state: Tensor) -> tuple[Tensor, Tensor]:
         """Run one window: spikes (steps, batch, sources) of each projection and the state -> spikes and the new state.
 
-        Raises a ValueError if their numbers of steps, batches or sources do not fit, if a spike is neither 0 nor 1, or
-        if a weight is not finite; a NotImplementedError under the transforms of ``torch.func``.
+        Raises a ValueError if the sizes or the types of numbers do not fit, if a spike is neither 0 nor 1, or if a
+        weight or a potential is not finite; a NotImplementedError under the transforms of ``torch.func``, in forward
+        mode, and where torch traces or exports. Autocast does not reach into a layer.
         """
-        if "torch._dynamo" in sys.modules:  # torch.compile may be tracing; it is to leave the engine as it is
-            return torch.compiler.disable(self._run)(inputs, state)  # type: ignore[no-any-return]
-        return self._run(inputs, state)
+        if "torch._dynamo" not in sys.modules:
+            return self._run(inputs, state)
+        # torch.compile may be at work; it is to leave the engine as it is. Decorated at first sight and not before, as
+        # the decorator imports the compiler, and not each time, as that takes as long as a small window.
+        if Layer._run_apart is None:
+            Layer._run_apart = torch.compiler.disable(Layer._run, reason="a layer runs as it is")
+        return Layer._run_apart(self, inputs, state)  # type: ignore[no-any-return]
 
     def _run(self, inputs: Sequence[Tensor], state: Tensor) -> tuple[Tensor, Tensor]:
-        if torch._C._are_functorch_transforms_active():
-            raise NotImplementedError("a layer runs under autograd, but not under vmap, grad or others of torch.func")
+        _refuse_transforms()
         projections: list[nn.Module] = list(self.projections._modules.values())
         neuron = self.neuron
         if type(neuron) is LIF and not torch.is_grad_enabled() and (native := kernels()) is not None:
             ran = self._run_prepared(native, neuron, projections, inputs, state)
             if ran is not None:
                 return ran
+        if torch._C._is_any_autocast_enabled() and torch.is_autocast_enabled(state.device.type):
+            with torch.autocast(state.device.type, enabled=False):
+                return self._run(inputs, state)
         self._check_sizes(projections, inputs)
         if self.threshold is not None:
             self._checked.check("threshold", self.threshold)
@@ -100,7 +111,8 @@ class Layer(nn.Module):
             if ran is not None:
                 return ran
         current = self._current(projections, inputs)
-        return run_window(current, state, neuron, self.threshold, self._recurrent_weight())
+        check_potential(state, current)
+        return run_checked(current, state, neuron, self.threshold, self._recurrent_weight())
 
     def _run_prepared(
         self,
@@ -129,7 +141,7 @@ class Layer(nn.Module):
         if len(inputs) != len(projections):
             raise ValueError(f"a layer of {len(projections)} projections was given {len(inputs)} inputs")
         window = inputs[0].shape[:2]
-        for projection, spikes in zip(projections, inputs, strict=True):
+        for number, (projection, spikes) in enumerate(zip(projections, inputs, strict=True)):
             shape = spikes.shape
             if len(shape) != 3 or shape[0] == 0:
                 raise ValueError(f"a window is of (steps, batch, sources) and at least one step, got {tuple(shape)}")
@@ -138,6 +150,29 @@ class Layer(nn.Module):
                 raise ValueError(f"the inputs of a layer must agree in steps and batch, got {windows}")
             if shape[2] != projection.sources:
                 raise ValueError(f"a projection of {projection.sources} sources was given the spikes of {shape[2]}")
+            self._check_weights(f"projection {number}", projection, shape[2])
+        if self.recurrent is not None:
+            self._check_weights("recurrent", self.recurrent, self.neurons)
+        if self.threshold is not None and self.threshold.shape != (self.neurons,):
+            raise ValueError(
+                f"threshold: one for each of {self.neurons} neurons, got a shape of {tuple(self.threshold.shape)}"
+            )
+
+    def _check_weights(self, name: str, projection: nn.Module, sources: int) -> None:
+        """Raise a ValueError unless the weights of one of the core's projections have the shape that belongs to it."""
+        weight = projection._parameters.get("weight")
+        if weight is None:  # computed by a parametrization
+            return
+        wanted = (self.neurons, sources)
+        if type(projection) is FanIn:
+            wanted = (self.neurons, projection.source_index.shape[-1])
+        elif type(projection) is not Dense:
+            return
+        if weight.shape != wanted:
+            raise ValueError(
+                f"{name}: the weights from {sources} sources to {self.neurons} neurons are of {wanted}, "
+                f"got {tuple(weight.shape)}"
+            )
 
     def _recurrent_weight(self) -> Tensor | None:
         if self.recurrent is None:
@@ -148,8 +183,11 @@ class Layer(nn.Module):
     def _current(self, projections: Sequence[nn.Module], inputs: Sequence[Tensor]) -> Tensor:
         """Return the currents (steps, batch, neurons) of all projections, by matrix products."""
         for number, (projection, spikes) in enumerate(zip(projections, inputs, strict=True)):
+            weight: Tensor = projection.weight  # type: ignore[assignment]
+            if spikes.dtype != weight.dtype:
+                raise ValueError(f"projection {number} of {weight.dtype} was given spikes of {spikes.dtype}")
             check_spikes(spikes)
-            self._checked.check(f"projection {number}", projection.weight)  # type: ignore[arg-type]
+            self._checked.check(f"projection {number}", weight)
         first, *rest = zip(projections, inputs, strict=True)
         current: Tensor = first[0](first[1])
         for projection, spikes in rest:
@@ -180,3 +218,13 @@ class Layer(nn.Module):
             raise ValueError(f"the potential is of {tuple(state.shape)} (batch, neurons), the current of {wanted}")
         population = Population(neuron, indices, self._checked)
         return run_events(native, population, inputs, weights, state, self.threshold, recurrent)
+
+
+def _refuse_transforms() -> None:
+    """Raise a NotImplementedError where torch would look through a layer and see nothing of its kernels."""
+    if torch._C._are_functorch_transforms_active():
+        raise NotImplementedError("a layer runs under autograd, but not under vmap, grad or others of torch.func")
+    if forward_ad._current_level >= 0:
+        raise NotImplementedError("a layer has no derivatives in forward mode (torch.autograd.forward_ad)")
+    if torch._C._get_tracing_state() is not None or torch.compiler.is_exporting():
+        raise NotImplementedError("a layer can be neither traced nor exported; save its weights instead")

@@ -29,14 +29,59 @@ def run_window(
     the window before; it also tells which neurons fired last, since a potential is stored before its reset.
     ``threshold`` (neurons), if given, replaces the neuron's own and may be trained. ``recurrent_weight`` (neurons,
     neurons), row = target, carries each step's spikes to the next step. Returns spikes (steps, batch, neurons) and
-    the last potential, differentiable in all four tensors. Raises a ValueError if current and potential differ in size.
+    the last potential, differentiable in all four tensors. Raises a ValueError if a size, a type of number or a value
+    that is not finite makes no sense.
     """
-    if len(current) == 0:
-        raise ValueError(f"a window has at least one step, got a current of {tuple(current.shape)}")
+    _check_window(current)
+    _check("current", current, current)
+    check_potential(potential, current)
+    neurons = current.shape[2]
+    if threshold is not None:
+        if threshold.shape not in ((), (neurons,)):
+            raise ValueError(f"a threshold is one for all or for each of {neurons}, got {tuple(threshold.shape)}")
+        _check("threshold", threshold, current)
+    if recurrent_weight is not None:
+        if recurrent_weight.shape != (neurons, neurons):
+            raise ValueError(
+                f"the recurrent weights of {neurons} neurons are of {(neurons, neurons)}, "
+                f"got {tuple(recurrent_weight.shape)}"
+            )
+        _check("recurrent weight", recurrent_weight, current)
+    return run_checked(current, potential, neuron, threshold, recurrent_weight)
+
+
+def check_potential(potential: Tensor, current: Tensor) -> None:
+    """Raise a ValueError unless a potential (batch, neurons) fits the currents of a window, and is finite."""
     if current.shape[1:] != potential.shape:
         raise ValueError(
             f"the potential is of {tuple(potential.shape)} (batch, neurons), the current of {tuple(current.shape[1:])}"
         )
+    _check("potential", potential, current)
+
+
+def _check_window(current: Tensor) -> None:
+    if current.dim() != 3 or len(current) == 0:
+        raise ValueError(
+            f"a window is of (steps, batch, neurons) and at least one step, got a current of {tuple(current.shape)}"
+        )
+    if not current.is_floating_point():
+        raise ValueError(f"a current is of floating-point numbers, got {current.dtype}")
+
+
+def _check(name: str, tensor: Tensor, current: Tensor) -> None:
+    """Raise a ValueError unless all numbers are finite, and of the current's type."""
+    if tensor.dtype != current.dtype:
+        raise ValueError(f"a {name} of {tensor.dtype} does not go with a current of {current.dtype}")
+    finite = tensor.detach().isfinite()
+    if not finite.all():
+        place = (~finite).nonzero()[0].tolist()
+        raise ValueError(f"a {name} is a finite number, got {tensor[tuple(place)].item()} at {place}")
+
+
+def run_checked(
+    current: Tensor, potential: Tensor, neuron: LIF, threshold: Tensor | None, recurrent_weight: Tensor | None
+) -> tuple[Tensor, Tensor]:
+    """Do what :func:`run_window` does, with arguments that have been looked at."""
     if threshold is None:
         threshold = current.new_tensor(neuron.threshold)
     native = kernels()
@@ -56,6 +101,7 @@ def run_steps(
     With a ``recurrent_weight`` it has the last spikes (batch, neurons) behind the neuron's variables. Raises a
     ValueError if the batches differ, or if the neuron returns spikes or a state of another size.
     """
+    _check_window(current)
     _, batch, neurons = current.shape
     if len(state) != batch:
         raise ValueError(f"the state is of a batch of {len(state)}, the current of {batch}")

@@ -1,5 +1,6 @@
 """The iterative leaky integrate-and-fire neuron."""
 
+import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
@@ -28,11 +29,15 @@ class LIF:
     rectify: bool = False
 
     def __post_init__(self) -> None:
-        """Refuse a decay outside [0, 1] and a threshold at which a resting neuron would fire."""
+        """Refuse a decay outside [0, 1], a threshold at which a resting neuron would fire, and an unknown gradient."""
         if not 0 <= self.decay <= 1:
             raise ValueError(f"the decay of a neuron lies in 0..1, got {self.decay}")
-        if not self.threshold > 0:
-            raise ValueError(f"the threshold must be positive, or a neuron fires at rest; got {self.threshold}")
+        if not 0 < self.threshold < math.inf:
+            raise ValueError(
+                f"the threshold must be positive, or a neuron fires at rest, and finite, got {self.threshold}"
+            )
+        if self.reset_gradient not in ("full", "detached"):
+            raise ValueError(f"the gradient of the reset is `full` or `detached`, not {self.reset_gradient!r}")
 
     def at_rest(self, batch: int, neurons: int) -> "Tensor":
         """Return the resting potentials (batch, neurons)."""

@@ -23,11 +23,11 @@ class Surrogate:
     width: float = 1.0
 
     def __post_init__(self) -> None:
-        """Refuse an unknown shape and a width that is not positive."""
+        """Refuse an unknown shape and a width that is not positive and finite."""
         if self.shape not in get_args(SurrogateShape):
             raise ValueError(f"there is no surrogate {self.shape!r}; there are: {', '.join(get_args(SurrogateShape))}")
-        if not self.width > 0:
-            raise ValueError(f"a surrogate needs a positive width, got {self.width}")
+        if not 0 < self.width < math.inf:
+            raise ValueError(f"a surrogate needs a positive width that is finite, got {self.width}")
 
     def fire(self, distance: "Tensor") -> "Tensor":
         """Return the spikes 0/1 of neurons at ``distance`` = potential - threshold (any shape, finite).

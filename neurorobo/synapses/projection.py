@@ -23,6 +23,8 @@ class Projection(nn.Module, ABC):
 
     def __init__(self, sources: int, targets: int, sign: Sign | None) -> None:
         super().__init__()
+        if sources < 1 or targets < 1:
+            raise ValueError(f"a projection has at least one source and one target, got {sources} and {targets}")
         if sources * targets > MOST_SYNAPSES:
             raise ValueError(
                 f"a projection of {sources} sources onto {targets} targets would have {sources * targets} synapses, "

@@ -1,6 +1,7 @@
 """The neuron's equations, by hand and by analysis."""
 
 import math
+from typing import Any
 
 import pytest
 import torch
@@ -70,9 +71,17 @@ def test_any_shape_of_neurons_steps_together() -> None:
 
 @pytest.mark.parametrize(
     ("settings", "words"),
-    [({"decay": 1.1}, "decay .* lies in 0..1, got 1.1"), ({"decay": -0.1}, "0..1"), ({"threshold": 0.0}, "positive")],
+    [
+        ({"decay": 1.1}, "decay .* lies in 0..1, got 1.1"),
+        ({"decay": -0.1}, "0..1"),
+        ({"decay": math.nan}, "0..1, got nan"),
+        ({"threshold": 0.0}, "positive"),
+        ({"threshold": math.nan}, "positive.* got nan"),
+        ({"threshold": math.inf}, "finite, got inf"),
+        ({"reset_gradient": "none"}, "`full` or `detached`, not 'none'"),
+    ],
 )
-def test_neurons_that_make_no_sense_are_refused(settings: dict[str, float], words: str) -> None:
+def test_neurons_that_make_no_sense_are_refused(settings: dict[str, Any], words: str) -> None:
     with pytest.raises(ValueError, match=words):
         LIF(**settings)
 

@@ -67,9 +67,10 @@ def test_an_unknown_shape_is_refused_with_those_there_are() -> None:
         Surrogate("gaussian")  # type: ignore[arg-type]
 
 
-def test_a_surrogate_without_width_is_refused() -> None:
-    with pytest.raises(ValueError, match="positive width"):
-        Surrogate("arctan", 0.0)
+@pytest.mark.parametrize("width", [0.0, -1.0, math.nan, math.inf])
+def test_a_surrogate_without_width_is_refused(width: float) -> None:
+    with pytest.raises(ValueError, match=f"positive width that is finite, got {width}"):
+        Surrogate("arctan", width)
 
 
 @shapes

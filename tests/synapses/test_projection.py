@@ -97,7 +97,16 @@ def test_an_impossible_fan_in_is_refused(fan_in: int) -> None:
         FanIn(5, 3, fan_in, generator())
 
 
+@pytest.mark.parametrize(("sources", "targets"), [(0, 3), (3, 0), (-1, 3)])
+def test_a_projection_of_nothing_is_refused(sources: int, targets: int) -> None:
+    for build in (lambda: Dense(sources, targets, generator()), lambda: FanIn(sources, targets, 1, generator())):
+        with pytest.raises(ValueError, match=f"at least one source and one target, got {sources} and {targets}"):
+            build()
+
+
 def test_more_synapses_than_can_be_counted_are_refused_before_they_are_drawn() -> None:
     for build in (lambda: Dense(2**16, 2**16, generator()), lambda: FanIn(2**16, 2**16, 2, generator())):
         with pytest.raises(ValueError, match="65536 sources onto 65536 targets would have 4294967296 synapses"):
             build()
+    with pytest.raises(ValueError, match="2147483649 synapses, more than 2147483648"):
+        Dense(2**31 + 1, 1, generator())
