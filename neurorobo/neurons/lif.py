@@ -71,3 +71,13 @@ def spiking_neural_unit(
     (``Layer(..., trainable_threshold=True)``).
     """
     return LIF(threshold=threshold, decay=decay, surrogate=surrogate, rectify=True)
+
+
+def just_above(threshold: float) -> float:
+    """Return the next larger threshold of single precision: who fires at it, fires above the given one and not at it.
+
+    No number of single precision lies between the two, so that this is exact for layers of that precision.
+    """
+    import numpy
+
+    return float(numpy.nextafter(numpy.float32(threshold), numpy.float32(math.inf)))

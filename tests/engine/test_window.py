@@ -1,10 +1,8 @@
-"""The engine's scan against a plain reference, against snnTorch, and against itself in parts."""
+"""The engine's scan against a plain reference, and against itself in parts."""
 
-import math
 from typing import Literal
 
 import pytest
-import snntorch
 import torch
 from hypothesis import given
 from hypothesis import strategies as st
@@ -132,50 +130,6 @@ def test_a_window_in_pieces_is_the_whole_window(recurrent: bool, pieces: list[in
     assert torch.equal(cut[:-1], whole[:-1])
     for name, gradient in whole_gradients.items():
         assert torch.allclose(cut_gradients[name], gradient, rtol=1e-9), name
-
-
-def snntorch_window(weight: Tensor, inputs: Tensor, neuron: LIF, *, reset_delay: bool) -> Tensor:
-    """The spikes of snnTorch's neuron; it fires above its threshold, not at it, and starts at rest."""
-    leaky = snntorch.Leaky(
-        beta=neuron.decay,
-        threshold=neuron.threshold,
-        reset_mechanism="zero",
-        reset_delay=reset_delay,
-        spike_grad=snntorch.surrogate.atan(alpha=4 / (math.pi * neuron.surrogate.width)),
-    )
-    membrane = leaky.init_leaky()
-    spikes = []
-    for step in inputs @ weight.t():
-        assert not (membrane == neuron.threshold).any()  # ties are where the two differ
-        spike, membrane = leaky(step, membrane)
-        spikes.append(spike)
-    return torch.stack(spikes)
-
-
-@pytest.mark.parametrize(("reset_gradient", "reset_delay"), [("detached", True), ("full", False)])
-def test_spikes_and_gradients_are_those_of_snntorch(
-    reset_gradient: Literal["full", "detached"], reset_delay: bool
-) -> None:
-    """The delayed reset of snnTorch passes no gradient, the other one does; the spikes are the same."""
-    generator = torch.Generator().manual_seed(3)
-    inputs = (torch.rand(20, 8, 40, generator=generator) < 0.3).float()
-    weight = (torch.randn(15, 40, generator=generator) * 0.25 * 256).round() / 256  # exact sums
-    loss_weight = torch.randn(20, 8, 15, generator=generator)
-    neuron = LIF(0.51, 0.25, Surrogate("arctan", 0.8), reset_gradient)
-
-    found = []
-    for run in (
-        lambda w: run_window(inputs @ w.t(), torch.zeros(8, 15), neuron)[0],
-        lambda w: snntorch_window(w, inputs, neuron, reset_delay=reset_delay),
-    ):
-        leaf = weight.clone().requires_grad_()
-        spikes = run(leaf)
-        (spikes * loss_weight).sum().backward()
-        found.append((spikes.detach(), leaf.grad))
-    (spikes, gradient), (their_spikes, their_gradient) = found
-    assert torch.equal(spikes, their_spikes)
-    assert 0.1 < spikes.mean() < 0.9
-    assert torch.allclose(gradient, their_gradient, rtol=1e-4, atol=1e-5 * float(their_gradient.abs().max()))
 
 
 def test_only_the_current_is_overwritten() -> None:
