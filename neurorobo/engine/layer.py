@@ -74,9 +74,10 @@ class Layer(nn.Module):
         if self.threshold is not None:
             self.threshold.clamp_(min=LEAST_THRESHOLD)
 
-    def forward(self, inputs: Sequence[Tensor], state: Tensor) -> tuple[Tensor, Tensor]:
+    def forward(self, inputs: Sequence[Tensor], state: Tensor | None = None) -> tuple[Tensor, Tensor]:
         """Run one window: spikes (steps, batch, sources) of each projection and the state -> spikes and the new state.
 
+        Without a state the layer starts at rest.
         Raises a ValueError if the sizes or the types of numbers do not fit, if a spike is neither 0 nor 1, or if a
         weight or a potential is not finite; a NotImplementedError under the transforms of ``torch.func``, in forward
         mode, and where torch traces or exports. Autocast does not reach into a layer.
@@ -89,7 +90,7 @@ class Layer(nn.Module):
             Layer._run_apart = torch.compiler.disable(Layer._run, reason="a layer runs as it is")
         return Layer._run_apart(self, inputs, state)  # type: ignore[no-any-return]
 
-    def _run(self, inputs: Sequence[Tensor], state: Tensor) -> tuple[Tensor, Tensor]:
+    def _run(self, inputs: Sequence[Tensor], state: Tensor | None) -> tuple[Tensor, Tensor]:
         _refuse_transforms()
         projections: list[nn.Module] = list(self.projections._modules.values())
         neuron = self.neuron
@@ -97,6 +98,9 @@ class Layer(nn.Module):
             ran = self._run_prepared(native, neuron, projections, inputs, state)
             if ran is not None:
                 return ran
+        if state is None:
+            self._check_sizes(projections, inputs)
+            state = self.at_rest(inputs[0].shape[1])
         if torch._C._is_any_autocast_enabled() and torch.is_autocast_enabled(state.device.type):
             with torch.autocast(state.device.type, enabled=False):
                 return self._run(inputs, state)
@@ -120,14 +124,16 @@ class Layer(nn.Module):
         neuron: LIF,
         projections: Sequence[nn.Module],
         inputs: Sequence[Tensor],
-        state: Tensor,
+        state: Tensor | None,
     ) -> tuple[Tensor, Tensor] | None:
         """Run a window as it was run before, or prepare it; None if it cannot be prepared, or had better not."""
         prepared = self._prepared.take()
         if prepared is None or not prepared.fits(native, neuron, projections, self.recurrent, inputs, state):
             self._check_sizes(projections, inputs)
             steps, batch, _ = inputs[0].shape
-            if steps * batch > MOST_ROWS or state.shape != (batch, self.neurons) or not is_native(state, *inputs):
+            if steps * batch > MOST_ROWS or not is_native(state, *inputs):
+                return None
+            if state is not None and state.shape != (batch, self.neurons):
                 return None
             shape = (steps, batch, self.neurons)
             prepared = prepare(native, self._checked, neuron, shape, projections, self.recurrent, self)

@@ -68,14 +68,14 @@ class PreparedWindow:
         projections: Sequence[nn.Module],
         recurrent: nn.Module | None,
         inputs: Sequence[Tensor],
-        state: Tensor,
+        state: Tensor | None,
     ) -> bool:
         """Return whether these inputs and this state can be run, and everything else is as it was."""
         if native is not self._native or neuron is not self._neuron:
             return False
         if projections != self._projections or recurrent is not self._recurrent:
             return False
-        if state.shape != self._state_shape or not is_native(state, *inputs):
+        if (state is not None and state.shape != self._state_shape) or not is_native(state, *inputs):
             return False
         if [spikes.shape for spikes in inputs] != self._input_shapes:
             return False
@@ -91,15 +91,21 @@ class PreparedWindow:
                 return False
         return True
 
-    def run(self, inputs: Sequence[Tensor], state: Tensor) -> tuple[Tensor, Tensor] | None:
-        """Return spikes and last potential; None if an input fires so often that a matrix product is faster."""
+    def run(self, inputs: Sequence[Tensor], state: Tensor | None) -> tuple[Tensor, Tensor] | None:
+        """Return spikes and last potential; None if an input fires so often that a matrix product is faster.
+
+        Without a state the neurons start at rest.
+        """
         native, ones = self._native, 0
         for spikes, words, most in zip(inputs, self._words, self._most, strict=True):
             count = native.pack_into(words, spikes)
             if count > most:
                 return None
             ones += count
-        last = state.clone(memory_format=torch.contiguous_format)
+        if state is None:
+            last = torch.zeros(self._state_shape)
+        else:
+            last = state.clone(memory_format=torch.contiguous_format)
         fired = native.empty(self._shape)
         native.run(self._window, ones, last, fired)
         return fired, last

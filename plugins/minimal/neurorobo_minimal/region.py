@@ -10,7 +10,7 @@ class Echo(Region):
         self.layer = Layer([Dense(config.neurons, config.neurons, generator, gain=2.0)], LIF())
 
     def step(self, inputs, state, probe=None):
-        said, _ = self.layer([inputs["heard"]], self.layer.at_rest(inputs["heard"].shape[1]))
+        said, _ = self.layer([inputs["heard"]])
         if probe is not None:
             probe("layer", said)
         return {"said": said}, state

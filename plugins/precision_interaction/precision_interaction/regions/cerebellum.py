@@ -48,11 +48,10 @@ class Cerebellum(Region):
     ) -> tuple[dict[str, Tensor], State]:
         """Run one window from rest."""
         mossy = torch.cat([inputs[name] for name in INPUTS], dim=-1)
-        batch = mossy.shape[1]
-        granule, _ = self.granule([mossy], self.granule.at_rest(batch))
-        purkinje, _ = self.purkinje([granule], self.purkinje.at_rest(batch))
-        nuclei, _ = self.nuclei([purkinje, mossy], self.nuclei.at_rest(batch))
-        output, _ = self.output([nuclei], self.output.at_rest(batch))
+        granule, _ = self.granule([mossy])
+        purkinje, _ = self.purkinje([granule])
+        nuclei, _ = self.nuclei([purkinje, mossy])
+        output, _ = self.output([nuclei])
         if probe is not None:
             for layer, spikes in (
                 ("granule", granule),

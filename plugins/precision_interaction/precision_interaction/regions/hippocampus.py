@@ -48,7 +48,7 @@ class Hippocampus(Region):
     ) -> tuple[dict[str, Tensor], State]:
         """Look one period further ahead than the feedback does."""
         hidden, potential = self.hidden([inputs[name] for name in self.input_ports], state["hidden"])
-        output, _ = self.output([hidden], self.output.at_rest(hidden.shape[1]))
+        output, _ = self.output([hidden])
         if probe is not None:
             probe("hidden", hidden)
             probe("output", output)

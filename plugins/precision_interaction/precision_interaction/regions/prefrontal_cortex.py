@@ -71,5 +71,5 @@ class PrefrontalCortex(Region):
 
 def _feed(layer: nn.Module, spikes: Tensor) -> Tensor:
     """Run one window of a layer from rest."""
-    fired: Tensor = layer([spikes], layer.at_rest(spikes.shape[1]))[0]  # type: ignore[operator]
+    fired: Tensor = layer([spikes])[0]
     return fired
