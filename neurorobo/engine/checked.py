@@ -1,7 +1,6 @@
 """Weights that have been looked at: finite, and packed for the kernels; once for each time that they change."""
 
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from torch import Tensor
 from torch.optim.optimizer import register_optimizer_step_post_hook
@@ -19,12 +18,12 @@ def _count_step(*_: object) -> None:
 register_optimizer_step_post_hook(_count_step)  # torch's fused optimisers leave a tensor's version as it was
 
 
-@dataclass(frozen=True)
-class Seen:
+class Seen(NamedTuple):
     """A tensor at one version; holding it, and what it shared memory with, keeps both from being given away."""
 
     tensor: Tensor
     memory: Tensor
+    pointer: int
     version: int
     steps: int
     packed: Packed | None
@@ -32,10 +31,9 @@ class Seen:
     def is_still(self, tensor: Tensor) -> bool:
         """Return whether this is the same tensor, unchanged."""
         return (
-            self.tensor is tensor
-            and self.memory.data_ptr() == tensor.data_ptr()
-            and not tensor.is_inference()
-            and self.version == tensor._version
+            tensor is self.tensor
+            and tensor._version == self.version
+            and tensor.data_ptr() == self.pointer
             and self.steps == _optimiser_steps
         )
 
@@ -88,7 +86,8 @@ class CheckedWeights:
             return
         # A tensor that is part of a graph would keep the graph.
         if weight.grad_fn is None:
-            self._seen[name] = Seen(weight, weight.detach(), weight._version, _optimiser_steps, packed)
+            memory = weight.detach()
+            self._seen[name] = Seen(weight, memory, memory.data_ptr(), weight._version, _optimiser_steps, packed)
 
 
 def check_spikes(spikes: Tensor) -> None:

@@ -138,6 +138,8 @@ class NativeWindow:
         threshold: Tensor,
     ) -> None:
         steps, batch, neurons = shape
+        self.neurons = neurons
+        self.recurrent_work = 0 if recurrent is None else steps * batch * neurons * neurons // 8
         self.fired: Tensor | None = None
         if recurrent is not None:
             self.fired = torch.empty(steps + 1, batch, (neurons + 63) // 64, dtype=torch.int64)
@@ -283,15 +285,17 @@ class Kernels:
         current: Tensor | None = None,
         potentials: Tensor | None = None,
     ) -> None:
-        """Run a window whose drives hold ``ones`` spikes; the tensors are those of :meth:`run_window`."""
+        """Run a window whose drives hold ``ones`` spikes; the tensors are those of :meth:`run_window`.
+
+        ``current`` and ``potentials`` are given each time that it is run, or never.
+        """
         arguments = window.arguments
-        work = ones * arguments.neurons
-        if window.fired is not None:
-            work += spikes.numel() * arguments.neurons // 8
-        arguments.threads = _threads(work)
-        arguments.current = _address(current)
+        arguments.threads = _threads(ones * window.neurons + window.recurrent_work)
+        if current is not None:
+            arguments.current = current.data_ptr()
+        if potentials is not None:
+            arguments.potentials = potentials.data_ptr()
         arguments.spikes = spikes.data_ptr()
-        arguments.potentials = _address(potentials)
         arguments.last = last.data_ptr()
         failed = self._run_window(window.reference)
         if failed == 1:

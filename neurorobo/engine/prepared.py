@@ -102,10 +102,9 @@ class PreparedWindow:
             if count > most:
                 return None
             ones += count
-        if state is None:
-            last = torch.zeros(self._state_shape)
-        else:
-            last = state.clone(memory_format=torch.contiguous_format)
+        last = torch.zeros(self._state_shape)
+        if state is not None:
+            last.copy_(state)
         fired = native.empty(self._shape)
         native.run(self._window, ones, last, fired)
         return fired, last

@@ -11,6 +11,7 @@ from neurorobo.codes import Code
 from neurorobo.errors import NeuroroboError
 from neurorobo.graph.compile import BODY
 from neurorobo.graph.plan import Edge, Plan, Repeat, Use
+from neurorobo.regions.port import Port
 from neurorobo.regions.region import Probe, Region, State
 from neurorobo.regions.values import from_numbers, initial_value, to_numbers
 
@@ -89,6 +90,7 @@ class Brain(nn.Module):
         self.names = tuple(regions)
         # torch refuses the names of a module's own attributes, such as `train`
         self.regions = nn.ModuleDict({_PREFIX + name: region for name, region in regions.items()})
+        self._initial_values: dict[tuple[Port, int], Tensor] = {}
 
     def region(self, name: str) -> Region:
         """Return a region by name."""
@@ -104,7 +106,10 @@ class Brain(nn.Module):
         batch = len(seeds)
         generators = [torch.Generator().manual_seed(seed) for seed in seeds] if self.plan.stochastic else []
         regions = {name: self.region(name).init_state(batch) for name in self.names}
-        buffers = {edge.name: self._initial(edge, batch, generators) for edge in self.plan.edges()}
+        buffers = {  # cloned, as the values are kept for other starts
+            edge.name: tuple(value.clone() for value in self._initial(edge, batch, generators))
+            for edge in self.plan.edges()
+        }
         return BrainState(0, batch, regions, buffers, _states(generators, batch))
 
     def reset(self, state: BrainState, which: Tensor, seeds: Sequence[int]) -> BrainState:
@@ -171,7 +176,18 @@ class Brain(nn.Module):
         """Return the values of an edge before its source has spoken; none where the source always speaks first."""
         if edge.reduction != "newest":
             return (torch.zeros(batch, edge.reader_port.width + 1),) * edge.length
-        return (initial_value(edge.reader_port, batch, self.plan.clock.window, generators),) * edge.length
+        return (self._initial_value(edge.reader_port, batch, generators),) * edge.length
+
+    def _initial_value(self, port: Port, batch: int, generators: Sequence[torch.Generator]) -> Tensor:
+        """Return the initial value of a port; but for stochastic codes, it is made once for each size of batch."""
+        if port.code is not None and port.code.stochastic:
+            return initial_value(port, batch, self.plan.clock.window, generators)
+        value = self._initial_values.get((port, batch))
+        if value is None:
+            with torch.inference_mode(False):
+                value = initial_value(port, batch, self.plan.clock.window, generators)
+            self._initial_values[port, batch] = value
+        return value
 
 
 def _states(generators: Sequence[torch.Generator], batch: int) -> Tensor:
@@ -289,7 +305,7 @@ class _Moment:
         region = self.brain.region(use.region)
         inputs = {name: self.read(edges[min(iteration, len(edges) - 1)]) for name, edges in use.inputs.items()}
         for name, port in use.defaults.items():
-            inputs[name] = initial_value(port, self.state.batch, self.steps, self.generators)
+            inputs[name] = self.brain._initial_value(port, self.state.batch, self.generators)
         probe = None if self.observer is None else self.observer.probe(use)
         outputs, after = region.step(inputs, self._state_before(use, region), probe)
         if use.policy == "fork":
