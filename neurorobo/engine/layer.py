@@ -210,7 +210,7 @@ class Layer(nn.Module):
             kind = type(projection)
             if kind is Dense or kind is FanIn:
                 weights.append(projection.weight)  # type: ignore[arg-type]
-                indices.append(projection.source_index if kind is FanIn else None)  # type: ignore[arg-type]
+                indices.append(projection.source_index.contiguous() if kind is FanIn else None)  # type: ignore[operator]
             else:
                 return None
         recurrent = None

@@ -390,6 +390,18 @@ def test_gradients_may_come_in_any_memory(memory: str) -> None:
         assert torch.equal(gradient, expected)
 
 
+def test_an_index_may_lie_anywhere_in_memory() -> None:
+    layer = build(((70, 4),), 143, LIF(surrogate=Surrogate("arctan")), recurrent=False)
+    projection, found = layer.projections[0], []
+    for memory in ("contiguous", "transposed"):
+        projection.source_index = arranged(projection.source_index, memory)
+        fired, _ = layer([spikes(9, 4, 70)], torch.zeros(4, 143))
+        found.append((fired.detach(), *torch.autograd.grad(fired.sum(), list(layer.parameters()))))
+    for expected, same in zip(*found, strict=True):
+        assert expected.abs().max() > 0
+        assert torch.equal(same, expected)
+
+
 @dataclass(frozen=True)
 class Shape:
     steps: int
