@@ -2,6 +2,7 @@
 
 from typing import Any, NamedTuple
 
+import torch
 from torch import Tensor
 from torch.optim.optimizer import register_optimizer_step_post_hook
 
@@ -60,6 +61,19 @@ class CheckedWeights:
                 place = (~finite).nonzero()[0].tolist()
                 raise ValueError(f"{name}: {not_finite(weight, place)}")
             self._keep(name, weight, None)
+
+    def check_index(self, name: str, index: Tensor, shape: tuple[int, int], sources: int) -> None:
+        """Raise a ValueError, which says the name and the place, unless an index of that shape names sources."""
+        name = f"{name}: source_index"
+        if index.dtype is not torch.int64 or index.shape != shape:
+            raise ValueError(f"{name} is of torch.int64 and {shape}, got {index.dtype} and {tuple(index.shape)}")
+        seen = self._seen.get(name)
+        if seen is None or not seen.is_still(index):
+            wrong = (index < 0) | (index >= sources)
+            if wrong.any():
+                place = wrong.nonzero()[0].tolist()
+                raise ValueError(f"{name} lies in 0..{sources - 1}, got {index[tuple(place)].item()} at {place}")
+            self._keep(name, index, None)
 
     def packed(self, name: str, weight: Tensor, kernels: Kernels, *, as_bytes: bool) -> Packed:
         """Return the weights (targets, sources) as the kernels want them; raises as :meth:`check` does.

@@ -4,8 +4,8 @@ Only those synapses are visited whose source fires. The gradients of weights are
 are dense and come from torch's matrix product, as do the currents of sources that fire too often for events to pay.
 """
 
-from collections.abc import Sequence
-from functools import cache
+from collections.abc import Callable, Sequence
+from functools import cache, wraps
 from typing import Any, NamedTuple
 
 import torch
@@ -44,10 +44,29 @@ class Population(NamedTuple):
     checked: CheckedWeights
 
 
-def refuse_second_derivatives() -> None:
-    """Raise a NotImplementedError on a way back whose gradients are to be differentiated once more."""
-    if torch.is_grad_enabled():
-        raise NotImplementedError("the gradients of a layer cannot be differentiated again (create_graph=True)")
+def is_batched(tensor: Tensor) -> bool:
+    """Return whether a tensor stands for several, as under vmap."""
+    return torch._C._functorch.is_batchedtensor(tensor) or torch._C._functorch.is_legacy_batchedtensor(tensor)
+
+
+def way_back(backward: Callable[..., Any]) -> Callable[..., Any]:
+    """Make a backward function refuse, with a NotImplementedError, what it cannot do; autocast does not reach it."""
+
+    @wraps(backward)
+    def run(ctx: Any, *grads: Tensor | None) -> Any:
+        if torch.is_grad_enabled():
+            raise NotImplementedError("the gradients of a layer cannot be differentiated again (create_graph=True)")
+        if any(grad is not None and is_batched(grad) for grad in grads):
+            raise NotImplementedError(
+                "the gradients of a layer come one by one, not as batches (is_grads_batched=True)"
+            )
+        if not torch._C._is_any_autocast_enabled():
+            return backward(ctx, *grads)
+        device = next(grad.device.type for grad in grads if grad is not None)
+        with torch.autocast(device, enabled=False):
+            return backward(ctx, *grads)
+
+    return run
 
 
 def is_native(*tensors: Tensor | None) -> bool:
@@ -171,19 +190,20 @@ class _Window(torch.autograd.Function):
         return ran.spikes, ran.last, current
 
     @staticmethod
+    @way_back
     def backward(
         ctx: Any, grad_spikes: Tensor | None, grad_last: Tensor | None, _: Tensor | None
     ) -> tuple[Tensor | None, ...]:
-        refuse_second_derivatives()
         potentials, potential, threshold, recurrent_weight, fired, *rest = ctx.saved_tensors
         native: Kernels = ctx.native
+        flat_threshold = threshold.contiguous()
         neuron, indices = ctx.population.neuron, ctx.population.indices
         words, weights = rest[: len(indices)], rest[len(indices) :]
         _, _, needs_current, needs_potential, needs_threshold, needs_recurrent, *needs = ctx.needs_input_grad
         zero = potentials.new_zeros(()).expand_as(potentials)
         grad_spikes = zero if grad_spikes is None else grad_spikes
         grad_current = native.empty(potentials.shape)
-        grad_threshold = torch.zeros_like(potential) if needs_threshold else None
+        grad_threshold = potential.new_zeros(potential.shape) if needs_threshold else None  # contiguous at any rate
 
         def back(
             potentials: Tensor, grads: Tensor, last: Tensor | None, later: Tensor | None, into: Tensor, rectify: bool
@@ -191,7 +211,9 @@ class _Window(torch.autograd.Function):
             """Go back through some steps, of a recurrent layer one by one."""
             if later is not None and recurrent_weight is not None:
                 grads = torch.addmm(grads[0], later, recurrent_weight).unsqueeze(0)
-            native.scan_back(neuron, threshold, potentials, grads, last, later, into, grad_threshold, rectify=rectify)
+            native.scan_back(
+                neuron, flat_threshold, potentials, grads, last, later, into, grad_threshold, rectify=rectify
+            )
 
         if grad_last is not None:
             grad_last = grad_last.contiguous()

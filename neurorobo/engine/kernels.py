@@ -298,6 +298,9 @@ class Kernels:
         arguments.spikes = spikes.data_ptr()
         arguments.last = last.data_ptr()
         failed = self._run_window(window.reference)
+        if failed == 3:
+            place = (~last.isfinite()).nonzero()[0].tolist()
+            raise ValueError(f"a potential is a finite number, got {last[tuple(place)].item()} at {place}")
         if failed == 1:
             raise MemoryError(f"no memory for a window of {' x '.join(map(str, spikes.shape))} neurons")
         if failed:

@@ -172,6 +172,7 @@ class Layer(nn.Module):
         wanted = (self.neurons, sources)
         if type(projection) is FanIn:
             wanted = (self.neurons, projection.source_index.shape[-1])
+            self._checked.check_index(name, projection.source_index, wanted, sources)
         elif type(projection) is not Dense:
             return
         if weight.shape != wanted:

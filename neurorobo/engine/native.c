@@ -482,9 +482,13 @@ static void run_item(const void *arguments, int64_t item, int64_t worker) {
     }
 }
 
-/* Run a layer through a window. Returns 0, 1 if there is no memory, or 2 if there are more than 64 projections. */
+/* Run a layer through a window. Returns 0, 1 if there is no memory, 2 if there are more than 64 projections, or 3 if a
+ * potential is not finite. */
 int64_t neurorobo_run_window(const window *w) {
     if (w->projections > MOST_PROJECTIONS) return 2;
+    int bad = 0;
+    for (int64_t i = 0; i < w->batch * w->neurons; i++) bad |= w->last[i] - w->last[i] != 0;
+    if (bad) return 3;
     division d = {.window = w, .tiles = 1};
     for (int64_t p = 0; p < w->projections; p++)
         if (w->projection[p].index) d.room += w->projection[p].sources * ROWS;

@@ -22,7 +22,10 @@ MOST_ROWS = 4096
 
 
 class Held(NamedTuple):
-    """A parameter of a module, by its name, and what it was when the window was prepared, or that there was none."""
+    """A parameter of a module by its name, or the index of a fan-in, and what it was when the window was prepared.
+
+    None if there was none.
+    """
 
     module: nn.Module
     name: str
@@ -50,7 +53,6 @@ class PreparedWindow:
         steps, batch, neurons = shape
         self._native, self._neuron, self._held = native, neuron, held
         self._projections, self._recurrent = list(projections), recurrent
-        self._indices = [(p, p.source_index) for p in projections if isinstance(p, FanIn)]
         self._shape = tuple(shape)
         self._state_shape = (batch, neurons)
         self._input_shapes = [(steps, batch, drive.events.sources) for drive in drives]
@@ -80,14 +82,11 @@ class PreparedWindow:
         if [spikes.shape for spikes in inputs] != self._input_shapes:
             return False
         for module, name, seen in self._held:
-            parameter = module._parameters.get(name)
+            parameter = module._buffers["source_index"] if name == "source_index" else module._parameters.get(name)
             if parameter is None or seen is None:
                 if parameter is not None or seen is not None:
                     return False
             elif not seen.is_still(parameter):
-                return False
-        for projection, index in self._indices:  # noqa: SIM110 (each microsecond counts here)
-            if projection._buffers["source_index"] is not index:
                 return False
         return True
 
@@ -150,6 +149,11 @@ def prepare(
         if seen is None or not seen.is_still(parameter):
             return None
         held.append(Held(module, key, seen))
+        if type(module) is FanIn:
+            seen = checked.seen(f"{name}: source_index")
+            if seen is None or not seen.is_still(module.source_index):
+                return None
+            held.append(Held(module, "source_index", seen))
     known = [module for module in projections if isinstance(module, Projection)]
     drives = []
     for module, weights in zip(known, ready.values(), strict=False):  # the projections come first

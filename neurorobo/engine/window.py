@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from neurorobo.engine.checked import CheckedWeights
-from neurorobo.engine.events import Population, is_native, refuse_second_derivatives, run_events
+from neurorobo.engine.events import Population, is_native, run_events, way_back
 from neurorobo.engine.kernels import kernels
 from neurorobo.neurons import LIF, Neuron
 
@@ -156,8 +156,8 @@ class _Window(torch.autograd.Function):
         return spikes, current
 
     @staticmethod
+    @way_back
     def backward(ctx: Any, grad_spikes: Tensor | None, grad_potentials: Tensor | None) -> tuple[Tensor | None, ...]:
-        refuse_second_derivatives()
         potentials, potential, threshold, recurrent_weight = ctx.saved_tensors
         neuron: LIF = ctx.neuron
         _, needs_potential, needs_threshold, needs_recurrent, _ = ctx.needs_input_grad

@@ -76,6 +76,42 @@ def test_a_state_of_another_type_of_numbers_is_refused(path: str, dtype: torch.d
         layer()(INPUTS, STATE.to(dtype))
 
 
+@pytest.mark.parametrize("training", [True, False])
+@pytest.mark.parametrize("value", [NAN, INFINITY, -INFINITY])
+def test_a_state_that_is_not_finite_is_refused(path: str, value: float, training: bool) -> None:
+    built = layer()
+    with torch.set_grad_enabled(training):
+        built(INPUTS, STATE)
+        with pytest.raises(ValueError, match=rf"a potential is a finite number, got {value} at \[0, 7\]"):
+            built(INPUTS, with_one(STATE, value))
+        assert torch.equal(built(INPUTS, STATE)[0], layer()(INPUTS, STATE)[0])
+
+
+@pytest.mark.parametrize("training", [True, False])
+@pytest.mark.parametrize("value", [-1, 12, 2**40])
+def test_an_index_of_a_source_that_there_is_not_is_refused(path: str, value: int, training: bool) -> None:
+    """However it came there: by a file, or in place after a window was run."""
+    built, words = layer(), rf"projection 1: source_index lies in 0\.\.11, got {value} at \[3, 2\]"
+    weights = {name: tensor.clone() for name, tensor in built.state_dict().items()}
+    weights["projections.1.source_index"][3, 2] = value
+    with torch.set_grad_enabled(training):
+        with pytest.raises(ValueError, match=words):
+            torch.func.functional_call(layer(), weights, (INPUTS, STATE))
+        built(INPUTS, STATE)
+        built.load_state_dict(weights)
+        with pytest.raises(ValueError, match=words):
+            built(INPUTS, STATE)
+
+
+def test_an_index_of_another_kind_is_refused(path: str) -> None:
+    built = layer()
+    index = built.projections[1].source_index
+    for broken in (index.int(), index[:19], index[:, :0]):
+        built.projections[1].source_index = broken
+        with pytest.raises(ValueError, match=r"projection 1: source_index is of torch.int64|\(20, 0\), got \(20, 3\)"):
+            built(INPUTS, STATE)
+
+
 def test_an_empty_batch_is_served(path: str) -> None:
     """As torch's own modules do it: with results, and gradients, of the right shape."""
     built = layer()

@@ -450,7 +450,7 @@ def test_all_shapes_agree_with_the_reference(shape: Shape, rate: float, coarse: 
     state = to_grid(torch.rand(shape.batch, shape.neurons, generator=generator(2)), 12)
 
     def run(layer: Layer, inputs: list[Tensor], state: Tensor) -> tuple[Tensor, Tensor]:
-        return layer([arranged(x, shape.memory) for x in inputs], state)
+        return layer([arranged(x, shape.memory) for x in inputs], arranged(state, shape.memory))
 
     with torch.no_grad():
         found, last = run(layer, inputs, state)

@@ -142,6 +142,30 @@ def test_autocast_does_not_reach_into_a_layer(
         assert torch.equal(tensor, theirs)
 
 
+@pytest.mark.parametrize("dtype", [torch.bfloat16, torch.float16])
+def test_nor_does_autocast_reach_into_the_way_back(path: str, dtype: torch.dtype) -> None:
+    def under_autocast(inputs: list[Tensor], state: Tensor) -> tuple[Tensor, Tensor]:
+        fired, last = built(inputs, state)
+        autocast.__enter__()
+        return fired, last
+
+    built, autocast = layer(), torch.autocast("cpu", dtype=dtype)
+    expected = gradients(built, built)
+    found = gradients(under_autocast, built)
+    autocast.__exit__(None, None, None)
+    tolerance = 0.0 if path == "native" else 0.02  # the product before the portable scan is torch's own
+    for gradient, theirs in zip(found, expected, strict=True):
+        assert (gradient - theirs).abs().max() <= tolerance * theirs.abs().max()
+
+
+@warns_of_itself
+def test_gradients_in_batches_are_refused_by_name(path: str) -> None:
+    state = STATE.clone().requires_grad_()
+    _, last = layer()(INPUTS, state)
+    with pytest.raises(NotImplementedError, match=r"not as batches \(is_grads_batched=True\)"):
+        torch.autograd.grad(last, state, torch.ones(2, *last.shape), is_grads_batched=True)
+
+
 @pytest.mark.parametrize("use_reentrant", [False, True])
 def test_a_layer_may_be_run_again_instead_of_kept(path: str, use_reentrant: bool) -> None:
     """torch.utils.checkpoint."""

@@ -148,3 +148,20 @@ def test_a_threshold_shared_by_all_neurons_can_be_trained() -> None:
         problem.loss(spikes, potential).backward()
         gradients.append(threshold.grad)
     assert torch.allclose(gradients[0], gradients[1], rtol=1e-9)
+
+
+@pytest.mark.parametrize("memory", ["every other", "one number"])
+def test_thresholds_may_lie_anywhere_in_memory(path: str, memory: str) -> None:
+    wide = (
+        torch.tensor([0.5, 0.9]).repeat(NEURONS)[::2] if memory == "every other" else torch.tensor(0.5).expand(NEURONS)
+    )
+    found = []
+    for threshold in (wide, wide.contiguous()):
+        problem = Problem(torch.float32)
+        problem.leaves["threshold"] = threshold
+        leaf = problem.leaves["potential"].clone().requires_grad_()
+        spikes, potential = run_window(problem.leaves["current"].clone(), leaf, LIF(), threshold)
+        problem.loss(spikes, potential).backward()
+        found.append((spikes.detach(), leaf.grad))
+    assert torch.equal(found[0][0], found[1][0])
+    assert torch.equal(found[0][1], found[1][1])  # type: ignore[arg-type]
