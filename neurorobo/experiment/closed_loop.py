@@ -97,6 +97,7 @@ def run_episodes(
                 inputs=watch.inputs,
                 outputs=watch.outputs,
                 spikes=watch.spikes,
+                rates=watch.rates,
                 seeds=seeds,
             )
             for recorder in recorders:
@@ -139,6 +140,7 @@ class _Watch:
     inputs: dict[str, list[Mapping[str, Tensor]]] = field(default_factory=dict)
     outputs: dict[str, dict[str, Tensor]] = field(default_factory=dict)
     spikes: dict[str, dict[str, Tensor]] = field(default_factory=dict)
+    rates: dict[str, dict[str, Tensor]] = field(default_factory=dict)
     running: Tensor = field(init=False)
     heard: dict[str, tuple[Tensor, int]] = field(default_factory=dict)  # of this tick: spikes (batch), and chances
     fired: dict[str, Tensor] = field(default_factory=dict)
@@ -147,7 +149,7 @@ class _Watch:
 
     def begin(self, running: Flags) -> None:
         """Start a tick, in which the ``running`` episodes count."""
-        self.inputs, self.outputs, self.spikes, self.heard = {}, {}, {}, {}
+        self.inputs, self.outputs, self.spikes, self.rates, self.heard = {}, {}, {}, {}, {}
         self.running = torch.from_numpy(running.astype(np.float64))
 
     def end(self) -> None:
@@ -168,10 +170,13 @@ class _Watch:
         """Count the spikes of a use, and keep them if a recorder wants them."""
 
         def listen(layer: str, spikes: Tensor) -> None:
+            steps, _, neurons = spikes.shape
+            count = spikes.sum((0, 2))
             fired, chances = self.heard.get(use.region, (0, 0))
-            self.heard[use.region] = (fired + spikes.sum((0, 2)), chances + spikes.shape[0] * spikes.shape[2])
+            self.heard[use.region] = (fired + count, chances + steps * neurons)
             if self.keeps_spikes:
                 self.spikes.setdefault(use.name, {})[layer] = spikes
+                self.rates.setdefault(use.name, {})[layer] = count / (steps * neurons)
 
         return listen
 

@@ -36,9 +36,10 @@ class Sample:
     ``interventions`` counts, for each actuator (batch), how often the command layer had to change it for that: new
     commands and held ones, the latter when they are changed further than before. ``inputs`` holds, for each step that
     ran, what each of its iterations was given, in the form that the ports of its region carry; ``outputs`` its ports as
-    numbers (batch, width), of its last iteration. ``spikes`` holds (steps, batch, neurons) by step and layer, for
-    recorders that want them. ``seeds`` are those of this batch; of a large run, one batch follows the other, each from
-    tick 0.
+    numbers (batch, width), of its last iteration. ``spikes`` holds (steps, batch, neurons) by step and layer, and
+    ``rates`` how many there were per neuron and step (batch), for recorders that want them. What the brain has made, of
+    ``inputs`` to ``rates``, nobody changes, and it need not be copied. ``seeds`` are those of this batch; of a large
+    run, one batch follows the other, each from tick 0.
     """
 
     tick: int
@@ -50,6 +51,7 @@ class Sample:
     inputs: Mapping[str, Sequence[Mapping[str, Tensor]]]
     outputs: Mapping[str, Mapping[str, Tensor]]
     spikes: Mapping[str, Mapping[str, Tensor]]
+    rates: Mapping[str, Mapping[str, Tensor]]
     seeds: Sequence[int]
 
 

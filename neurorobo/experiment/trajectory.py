@@ -1,15 +1,49 @@
 """The trajectory of a run: every number of every tick, as one Parquet table."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from torch import Tensor
 
 from neurorobo.bodies import Array
 from neurorobo.experiment.recorder import Counts, Recorder, Sample, Setting
+from neurorobo.tasks.task import Flags
 
 FILE = "trajectory.parquet"
+
+
+@dataclass(frozen=True)
+class _Kept:
+    """What is kept of a tick while the run goes on; it becomes numbers in columns when that is over."""
+
+    tick: int
+    time_s: float
+    seeds: Sequence[int]
+    running: Flags
+    body: Mapping[str, Mapping[str, Array | Counts]]
+    outputs: Mapping[str, Mapping[str, Tensor]]
+
+    def columns(self) -> dict[str, Array]:
+        """Return the columns' parts: a row for each running episode."""
+        episodes = self.running.sum()
+        parts = {
+            "seed": np.asarray(self.seeds)[self.running],
+            "tick": np.full(episodes, self.tick),
+            "time_s": np.full(episodes, self.time_s),
+        }
+        outputs = {
+            step: {name: value.numpy() for name, value in values.items()} for step, values in self.outputs.items()
+        }
+        for group, values in {**self.body, **outputs}.items():
+            for name, value in values.items():
+                components = value[self.running].T
+                for i, component in enumerate(components):
+                    suffix = f".{i}" if len(components) > 1 else ""
+                    parts[f"{group}.{name}{suffix}"] = component.astype(np.float64)
+        return parts
 
 
 class TrajectoryRecorder(Recorder):
@@ -24,7 +58,7 @@ class TrajectoryRecorder(Recorder):
     def __init__(self, setting: Setting) -> None:
         """Prepare the columns' units."""
         super().__init__(setting)
-        self._rows: list[dict[str, Array]] = []
+        self._kept: list[_Kept] = []
         self._units: dict[str, str] = {}
         for use in setting.plan.uses():
             self._units |= {f"{use.name}.{name}": port.unit for name, port in use.outputs.items()}
@@ -35,39 +69,25 @@ class TrajectoryRecorder(Recorder):
 
     def sample(self, sample: Sample) -> None:
         """Keep the running episodes of one tick."""
-        running = sample.running
-        row = {
-            "seed": np.asarray(sample.seeds)[running],
-            "tick": np.full(running.sum(), sample.tick),
-            "time_s": np.full(running.sum(), sample.time_s),
-        }
         changed = {f"{name}.interventions": count[:, None] for name, count in sample.interventions.items()}
-        groups: dict[str, Mapping[str, Array | Counts]] = {
-            "body": sample.observation,
-            "command": {**sample.given, **changed},
+        body: dict[str, Mapping[str, Array | Counts]] = {
+            "body": {name: np.array(value) for name, value in sample.observation.items()},
+            "command": {name: np.array(value) for name, value in {**sample.given, **changed}.items()},
         }
-        groups |= {
-            step: {name: value.numpy() for name, value in outputs.items()} for step, outputs in sample.outputs.items()
-        }
-        for group, values in groups.items():
-            for name, value in values.items():
-                columns = value[running].T
-                for i, column in enumerate(columns):
-                    suffix = f".{i}" if len(columns) > 1 else ""
-                    row[f"{group}.{name}{suffix}"] = column.astype(np.float64)
-        self._rows.append(row)
+        self._kept.append(_Kept(sample.tick, sample.time_s, sample.seeds, sample.running.copy(), body, sample.outputs))
 
     def finish(self) -> Path | None:
         """Write the table."""
         import pyarrow
         import pyarrow.parquet
 
-        if not self._rows:
+        if not self._kept:
             return None
-        names = list(dict.fromkeys(name for row in self._rows for name in row))
+        rows = [kept.columns() for kept in self._kept]
+        names = list(dict.fromkeys(name for row in rows for name in row))
         fields, arrays = [], []
         for name in names:
-            parts = [row.get(name, np.full(len(row["seed"]), np.nan)) for row in self._rows]
+            parts = [row.get(name, np.full(len(row["seed"]), np.nan)) for row in rows]
             array = pyarrow.array(np.concatenate(parts), from_pandas=True)  # NaN becomes null
             unit = self._units.get(re.sub(r"\.\d+$", "", name))
             fields.append(pyarrow.field(name, array.type, metadata={"unit": unit} if unit else None))

@@ -3,11 +3,13 @@
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from torch import Tensor
 
 from neurorobo.bodies import Array
 from neurorobo.experiment.recorder import Recorder, Sample, Setting
@@ -120,8 +122,8 @@ class RerunRecorder(Recorder):
         """Note the units, and build the task's scene."""
         super().__init__(setting)
         self._ended = False
-        self._rows: defaultdict[str, list[tuple[int, Array]]] = defaultdict(list)
-        self._pictures: defaultdict[str, list[tuple[int, Picture]]] = defaultdict(list)
+        self._rows: defaultdict[str, list[tuple[int, Array | Tensor]]] = defaultdict(list)
+        self._windows: defaultdict[str, list[tuple[int, list[NDArray[np.bool_]]]]] = defaultdict(list)
         self._neurons: dict[str, dict[str, int]] = {}
         self._labels: dict[str, tuple[str, str]] = {}
         self._scene: Scene | None = None
@@ -147,14 +149,14 @@ class RerunRecorder(Recorder):
             self._ended = True
             return
         self._keep("command", sample.tick, sample.given)
-        for step, outputs in sample.outputs.items():
-            self._keep(f"steps/{step}", sample.tick, {name: value.numpy() for name, value in outputs.items()})
+        for group, values in (("steps", sample.outputs), ("rates", sample.rates)):
+            for step, named in values.items():
+                for name, value in named.items():
+                    self._rows[f"{group}/{step}/{name}"].append((sample.tick, value))
         for step, layers in sample.spikes.items():
-            windows = {layer: spikes[:, 0].numpy() for layer, spikes in layers.items()}
-            self._neurons[step] = {layer: window.shape[1] for layer, window in windows.items()}
-            self._pictures[step].append((sample.tick, _picture([*windows.values()])))
-            rates = {layer: window.mean(keepdims=True) for layer, window in windows.items()}
-            self._keep(f"rates/{step}", sample.tick, rates)
+            self._neurons[step] = {layer: spikes.shape[2] for layer, spikes in layers.items()}
+            windows = [spikes.numpy()[:, 0, _shown(spikes.shape[2])] != 0 for spikes in layers.values()]
+            self._windows[step].append((sample.tick, windows))
         task = self.setting.task
         if task is not None and not (sample.running & ~task.terminated() & ~task.truncated()).any():
             # No sample will follow. While one may, the body is not read: its noise must not depend on a recording.
@@ -196,27 +198,34 @@ class RerunRecorder(Recorder):
 
     def _keep(self, group: str, tick: int, values: Mapping[str, Array]) -> None:
         for name, value in values.items():
-            self._rows[f"{group}/{name}"].append((tick, np.array(value[0], dtype=np.float64, ndmin=1)))
+            self._rows[f"{group}/{name}"].append((tick, value[:1].copy()))
 
     def _signals(self) -> Iterator[tuple[str, Signal]]:
         for path, rows in self._rows.items():
             ticks, values = zip(*rows, strict=True)
-            yield path, Signal(np.array(ticks), np.stack(values), *self._labels.get(path, ("1", "")))
+            arrays = [value.numpy() if isinstance(value, Tensor) else value for value in values]
+            numbers = [np.array(array[0], dtype=np.float64, ndmin=1) for array in arrays]
+            yield path, Signal(np.array(ticks), np.stack(numbers), *self._labels.get(path, ("1", "")))
 
     def _rasters(self) -> Iterator[tuple[str, Raster]]:
-        for step, windows in self._pictures.items():
-            ticks, pictures = zip(*windows, strict=True)
-            yield step, Raster(np.array(ticks), np.stack(pictures), self._neurons[step])
+        for step, kept in self._windows.items():
+            ticks, windows = zip(*kept, strict=True)
+            yield step, Raster(np.array(ticks), np.stack([*map(_picture, windows)]), self._neurons[step])
 
 
-def _picture(layers: Sequence[NDArray[np.float32]]) -> Picture:
+@cache
+def _shown(neurons: int) -> NDArray[np.int64]:
+    """Return the neurons of a layer that are shown."""
+    return np.linspace(0, neurons - 1, min(MOST_NEURONS, neurons)).round().astype(np.int64)
+
+
+def _picture(layers: Sequence[NDArray[np.bool_]]) -> Picture:
     """Return the picture (rows, steps) of a window of ``layers`` (steps, neurons)."""
     rows: list[Picture] = []
     for i, spikes in enumerate(layers):
         if i:
             rows.append(np.zeros((LAYER_GAP, len(spikes)), dtype=np.uint8))
-        shown = np.linspace(0, spikes.shape[1] - 1, min(MOST_NEURONS, spikes.shape[1])).round().astype(np.int64)
-        rows.append(((i + 1) * (spikes.T[shown] != 0)).astype(np.uint8))
+        rows.append(((i + 1) * spikes.T).astype(np.uint8))
     return np.concatenate(rows)[::-1]
 
 

@@ -174,14 +174,15 @@ def test_of_a_large_layer_evenly_spaced_neurons_are_shown(tmp_path: Path) -> Non
     recorder = RerunRecorder(setting(tmp_path, [0]))
     spikes = torch.zeros(20, 1, 1000)
     spikes[:, :, 999] = 1.0  # the last one fires always, the others never
-    recorder.sample(Sample(0, 0.0, np.array([True]), {}, {}, {}, {}, {}, {"watch": {"hidden": spikes}}, [0]))
+    spiked, rates = {"watch": {"hidden": spikes}}, {"watch": {"hidden": torch.tensor([0.001])}}
+    recorder.sample(Sample(0, 0.0, np.array([True]), {}, {}, {}, {}, {}, spiked, rates, [0]))
     path = recorder.finish()
     assert path is not None
     columns, _ = read(path)
     (picture,) = pictures(columns["/spikes/watch"])
     assert picture.shape == (64, 20)
     assert picture[0].all() and not picture[1:].any()
-    assert scalars(columns["/rates/watch/hidden"]) == [[pytest.approx(0.001)]]  # the rate counts them all
+    assert scalars(columns["/rates/watch/hidden"]) == [[pytest.approx(0.001)]]
 
 
 def test_a_recording_that_cannot_be_written_is_the_system_s_error(
@@ -192,7 +193,7 @@ def test_a_recording_that_cannot_be_written_is_the_system_s_error(
 
     recorder = RerunRecorder(setting(tmp_path, [0]))
     outputs = {"drive": {"speed": torch.ones(1, 1)}}
-    recorder.sample(Sample(0, 0.0, np.array([True]), {}, {}, {}, {}, outputs, {}, [0]))
+    recorder.sample(Sample(0, 0.0, np.array([True]), {}, {}, {}, {}, outputs, {}, {}, [0]))
     with monkeypatch.context() as patch, pytest.raises(OSError, match="shut down prematurely"):
         patch.setattr(rr.RecordingStream, "flush", full)
         recorder.finish()
@@ -200,7 +201,8 @@ def test_a_recording_that_cannot_be_written_is_the_system_s_error(
 
 def test_a_brain_without_body_and_spikes_is_recorded_too(tmp_path: Path) -> None:
     recorder = RerunRecorder(setting(tmp_path, [0]))
-    recorder.sample(Sample(0, 0.0, np.array([True]), {}, {}, {}, {}, {"drive": {"speed": torch.ones(1, 1)}}, {}, [0]))
+    outputs = {"drive": {"speed": torch.ones(1, 1)}}
+    recorder.sample(Sample(0, 0.0, np.array([True]), {}, {}, {}, {}, outputs, {}, {}, [0]))
     path = recorder.finish()
     assert path is not None
     columns, _ = read(path)
