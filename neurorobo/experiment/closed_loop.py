@@ -11,7 +11,7 @@ from torch import Tensor
 
 from neurorobo.bodies import Array
 from neurorobo.errors import NeuroroboError
-from neurorobo.experiment.recorder import Counts, Sample, Sampler
+from neurorobo.experiment.recorder import Counts, LayerSpikes, Sample, Sampler
 from neurorobo.graph.brain import Brain
 from neurorobo.graph.plan import Edge, Use
 from neurorobo.regions.region import Probe
@@ -64,7 +64,7 @@ def run_episodes(
     batch = len(seeds)
     running: Flags = np.ones(batch, dtype=np.bool_)
     supervised = None if task is None else SupervisedTask(task)
-    watch = _Watch(batch, bool(recorders), any(recorder.wants_spikes for recorder in recorders))
+    watch = _Watch(batch, bool(recorders), max((recorder.wants_spikes for recorder in recorders), default=0))
     state = brain.init_state(seeds)
     with torch.inference_mode(), _stopped_at_the_end(task):
         if supervised is not None:
@@ -97,7 +97,6 @@ def run_episodes(
                 inputs=watch.inputs,
                 outputs=watch.outputs,
                 spikes=watch.spikes,
-                rates=watch.rates,
                 seeds=seeds,
             )
             for recorder in recorders:
@@ -136,11 +135,10 @@ class _Watch:
 
     batch: int
     keeps_values: bool
-    keeps_spikes: bool
+    wants_spikes: int
     inputs: dict[str, list[Mapping[str, Tensor]]] = field(default_factory=dict)
     outputs: dict[str, dict[str, Tensor]] = field(default_factory=dict)
-    spikes: dict[str, dict[str, Tensor]] = field(default_factory=dict)
-    rates: dict[str, dict[str, Tensor]] = field(default_factory=dict)
+    spikes: dict[str, dict[str, LayerSpikes]] = field(default_factory=dict)
     running: Tensor = field(init=False)
     heard: dict[str, tuple[Tensor, int]] = field(default_factory=dict)  # of this tick: spikes (batch), and chances
     fired: dict[str, Tensor] = field(default_factory=dict)
@@ -149,7 +147,7 @@ class _Watch:
 
     def begin(self, running: Flags) -> None:
         """Start a tick, in which the ``running`` episodes count."""
-        self.inputs, self.outputs, self.spikes, self.rates, self.heard = {}, {}, {}, {}, {}
+        self.inputs, self.outputs, self.spikes, self.heard = {}, {}, {}, {}
         self.running = torch.from_numpy(running.astype(np.float64))
 
     def end(self) -> None:
@@ -174,9 +172,8 @@ class _Watch:
             count = spikes.sum((0, 2))
             fired, chances = self.heard.get(use.region, (0, 0))
             self.heard[use.region] = (fired + count, chances + steps * neurons)
-            if self.keeps_spikes:
-                self.spikes.setdefault(use.name, {})[layer] = spikes
-                self.rates.setdefault(use.name, {})[layer] = count / (steps * neurons)
+            if self.wants_spikes:
+                self.spikes.setdefault(use.name, {})[layer] = LayerSpikes.of(spikes, count, self.wants_spikes)
 
         return listen
 

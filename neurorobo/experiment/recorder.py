@@ -3,10 +3,12 @@
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any, ClassVar, Protocol
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
@@ -29,6 +31,31 @@ class Setting:
 
 
 @dataclass(frozen=True)
+class LayerSpikes:
+    """What a layer fired in a window: ``some`` (steps, batch, neurons) of its ``neurons``, evenly spaced, as booleans.
+
+    ``rate`` (batch) counts all of them: spikes per neuron and step.
+    """
+
+    some: Tensor
+    neurons: int
+    rate: Tensor
+
+    @classmethod
+    def of(cls, spikes: Tensor, count: Tensor, most: int) -> "LayerSpikes":
+        """Keep at most so many neurons of the spikes (steps, batch, neurons), of which there are ``count`` (batch)."""
+        steps, _, neurons = spikes.shape
+        some = spikes if neurons <= most else spikes.index_select(2, _evenly_spaced(neurons, most))
+        return cls(some.bool(), neurons, count / (steps * neurons))
+
+
+@cache
+def _evenly_spaced(neurons: int, most: int) -> Tensor:
+    with torch.inference_mode(False):
+        return torch.linspace(0, neurons - 1, most, dtype=torch.float64).round().long()
+
+
+@dataclass(frozen=True)
 class Sample:
     """One tick of a run, batch first; arrays are those of the moment and must be copied to be kept.
 
@@ -36,10 +63,9 @@ class Sample:
     ``interventions`` counts, for each actuator (batch), how often the command layer had to change it for that: new
     commands and held ones, the latter when they are changed further than before. ``inputs`` holds, for each step that
     ran, what each of its iterations was given, in the form that the ports of its region carry; ``outputs`` its ports as
-    numbers (batch, width), of its last iteration. ``spikes`` holds (steps, batch, neurons) by step and layer, and
-    ``rates`` how many there were per neuron and step (batch), for recorders that want them. What the brain has made, of
-    ``inputs`` to ``rates``, nobody changes, and it need not be copied. ``seeds`` are those of this batch; of a large
-    run, one batch follows the other, each from tick 0.
+    numbers (batch, width), of its last iteration. ``spikes`` holds those of each step and layer, for recorders that
+    want them. What the brain has made, ``inputs``, ``outputs`` and ``spikes``, nobody changes, and it need not be
+    copied. ``seeds`` are those of this batch; of a large run, one batch follows the other, each from tick 0.
     """
 
     tick: int
@@ -50,17 +76,16 @@ class Sample:
     interventions: Mapping[str, Counts]
     inputs: Mapping[str, Sequence[Mapping[str, Tensor]]]
     outputs: Mapping[str, Mapping[str, Tensor]]
-    spikes: Mapping[str, Mapping[str, Tensor]]
-    rates: Mapping[str, Mapping[str, Tensor]]
+    spikes: Mapping[str, Mapping[str, LayerSpikes]]
     seeds: Sequence[int]
 
 
 class Sampler(Protocol):
-    """Takes every sample of a run; it ``wants_spikes`` or not."""
+    """Takes every sample of a run; it ``wants_spikes`` of so many neurons of each layer at most, or of none."""
 
     @property
-    def wants_spikes(self) -> bool:
-        """Whether samples are to hold the spikes."""
+    def wants_spikes(self) -> int:
+        """Of how many neurons of each layer samples are to hold the spikes; 0 if of none."""
 
     def sample(self, sample: Sample) -> None:
         """Take note of one tick."""
@@ -72,7 +97,7 @@ class Recorder(ABC):
     A recorder that ``wants_spikes`` is given the first batch only: those of a whole large run would fill the memory.
     """
 
-    wants_spikes: ClassVar[bool] = False
+    wants_spikes: ClassVar[int] = 0
 
     def __init__(self, setting: Setting) -> None:
         """Prepare to record one run."""

@@ -275,7 +275,7 @@ class _Moment:
         if source == target:
             return value
         numbers = to_numbers(value, source)
-        if self.observer is not None and target is not None:
+        if self.observer is not None and target is not None and edge.can_saturate:
             # A decoded value may leave its code's range by a rounding.
             inside = numbers if source is None else numbers.clamp(source.lo, source.hi)
             outside = target.saturated(inside)

@@ -56,6 +56,14 @@ class Edge:
             return "encode"
         return "decode" if reader is None else "recode"
 
+    @cached_property
+    def can_saturate(self) -> bool:
+        """Whether a value may be out of the range of the code that it is brought to."""
+        source, reader = self.source_port.code, self.reader_port.code
+        if source is None or reader is None or self.reduction == "sum":
+            return reader is not None
+        return source.lo < reader.lo or source.hi > reader.hi
+
     def reads_sensor_at(self, tick: int) -> bool:
         """Return whether the reader may ever see what a sensor, the source, reports at ``tick``.
 

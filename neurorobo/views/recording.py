@@ -3,7 +3,6 @@
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Literal, Protocol
 
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from neurorobo.bodies import Array
-from neurorobo.experiment.recorder import Recorder, Sample, Setting
+from neurorobo.experiment.recorder import LayerSpikes, Recorder, Sample, Setting
 from neurorobo.graph.plan import Plan
 from neurorobo.plugins.imports import import_target
 from neurorobo.units import format_duration
@@ -116,15 +115,14 @@ class RerunRecorder(Recorder):
     Of a step that repeats within a tick, the last iteration is kept.
     """
 
-    wants_spikes: ClassVar[bool] = True
+    wants_spikes: ClassVar[int] = MOST_NEURONS
 
     def __init__(self, setting: Setting) -> None:
         """Note the units, and build the task's scene."""
         super().__init__(setting)
         self._ended = False
         self._rows: defaultdict[str, list[tuple[int, Array | Tensor]]] = defaultdict(list)
-        self._windows: defaultdict[str, list[tuple[int, list[NDArray[np.bool_]]]]] = defaultdict(list)
-        self._neurons: dict[str, dict[str, int]] = {}
+        self._windows: defaultdict[str, list[tuple[int, Mapping[str, LayerSpikes]]]] = defaultdict(list)
         self._labels: dict[str, tuple[str, str]] = {}
         self._scene: Scene | None = None
         for use in setting.plan.uses():
@@ -149,14 +147,13 @@ class RerunRecorder(Recorder):
             self._ended = True
             return
         self._keep("command", sample.tick, sample.given)
-        for group, values in (("steps", sample.outputs), ("rates", sample.rates)):
-            for step, named in values.items():
-                for name, value in named.items():
-                    self._rows[f"{group}/{step}/{name}"].append((sample.tick, value))
+        for step, outputs in sample.outputs.items():
+            for name, value in outputs.items():
+                self._rows[f"steps/{step}/{name}"].append((sample.tick, value))
         for step, layers in sample.spikes.items():
-            self._neurons[step] = {layer: spikes.shape[2] for layer, spikes in layers.items()}
-            windows = [spikes.numpy()[:, 0, _shown(spikes.shape[2])] != 0 for spikes in layers.values()]
-            self._windows[step].append((sample.tick, windows))
+            self._windows[step].append((sample.tick, layers))
+            for layer, spikes in layers.items():
+                self._rows[f"rates/{step}/{layer}"].append((sample.tick, spikes.rate))
         task = self.setting.task
         if task is not None and not (sample.running & ~task.terminated() & ~task.truncated()).any():
             # No sample will follow. While one may, the body is not read: its noise must not depend on a recording.
@@ -210,13 +207,9 @@ class RerunRecorder(Recorder):
     def _rasters(self) -> Iterator[tuple[str, Raster]]:
         for step, kept in self._windows.items():
             ticks, windows = zip(*kept, strict=True)
-            yield step, Raster(np.array(ticks), np.stack([*map(_picture, windows)]), self._neurons[step])
-
-
-@cache
-def _shown(neurons: int) -> NDArray[np.int64]:
-    """Return the neurons of a layer that are shown."""
-    return np.linspace(0, neurons - 1, min(MOST_NEURONS, neurons)).round().astype(np.int64)
+            neurons = {layer: spikes.neurons for layer, spikes in windows[-1].items()}
+            pictures = [_picture([spikes.some[:, 0].numpy() for spikes in layers.values()]) for layers in windows]
+            yield step, Raster(np.array(ticks), np.stack(pictures), neurons)
 
 
 def _picture(layers: Sequence[NDArray[np.bool_]]) -> Picture:

@@ -5,6 +5,7 @@ from contextlib import nullcontext
 
 import numpy as np
 import pytest
+import torch
 
 from neurorobo.bodies import Array
 from neurorobo.errors import NeuroroboError
@@ -55,8 +56,8 @@ def test_the_firing_rate_is_that_of_the_layers_while_the_episode_runs() -> None:
     fired, chances = np.zeros(len(SEEDS)), np.zeros(len(SEEDS))
     for sample in notes.samples:
         for spikes in sample.spikes.get("watch", {}).values():
-            fired += np.where(sample.running, spikes.sum((0, 2)).numpy(), 0)
-            chances += np.where(sample.running, spikes.shape[0] * spikes.shape[2], 0)
+            fired += np.where(sample.running, spikes.some.sum((0, 2)).numpy(), 0)
+            chances += np.where(sample.running, spikes.some.shape[0] * spikes.neurons, 0)
     assert [result.firing_rates for result in results] == [
         {"watcher": pytest.approx(rate)} for rate in (fired / chances).tolist()
     ]
@@ -72,10 +73,11 @@ def test_samples_hold_what_was_read_what_was_done_and_what_was_computed() -> Non
     assert second.observation["position"].tolist() == [[1.0, 0.0]]
     assert set(first.outputs) == {"drive", "watch"}
     assert set(second.outputs) == {"drive"}  # the other step is a slow one
-    assert {layer: spikes.shape for layer, spikes in first.spikes["watch"].items()} == {
+    assert {layer: spikes.some.shape for layer, spikes in first.spikes["watch"].items()} == {
         "hidden": (20, 1, 10),
         "output": (20, 1, 6),
     }
+    assert all(torch.equal(x.rate, x.some.float().mean((0, 2))) for x in first.spikes["watch"].values())
     assert first.outputs["watch"]["move"].shape == (1, 1)  # decoded
 
 

@@ -15,7 +15,7 @@ from rerun.chunk import RrdReader
 
 from neurorobo.bodies import Array
 from neurorobo.experiment.closed_loop import EpisodeResult, run_episodes
-from neurorobo.experiment.recorder import Sample, Setting
+from neurorobo.experiment.recorder import LayerSpikes, Sample, Setting
 from neurorobo.tasks.task import Task
 from neurorobo.views.recording import Episode, RerunRecorder
 from tests.experiment.toys import SECOND, Notes, brain
@@ -160,13 +160,13 @@ def test_every_spike_reads_back(tmp_path: Path) -> None:
     shown = pictures(columns["/spikes/watch"])
     assert len(shown) == len(watched)
     for picture, layers in zip(shown, watched, strict=True):
-        hidden, output = (layers[name][:, 0].T.numpy() for name in ("hidden", "output"))
+        hidden, output = (layers[name].some[:, 0].T.numpy() for name in ("hidden", "output"))
         upwards = picture[::-1]  # the first neuron of the first layer is lowest
         assert (upwards[: len(hidden)] == hidden).all()
-        assert (upwards[-len(output) :] == 2 * output).all()
+        assert (upwards[-len(output) :] == 2 * output.astype(int)).all()
         assert not upwards[len(hidden) : -len(output)].any()
     for layer in ("hidden", "output"):
-        expected = [[float(layers[layer][:, 0].mean())] for layers in watched]
+        expected = [[float(layers[layer].some[:, 0].float().mean())] for layers in watched]
         np.testing.assert_allclose(scalars(columns[f"/rates/watch/{layer}"]), expected, rtol=1e-6)
 
 
@@ -174,8 +174,8 @@ def test_of_a_large_layer_evenly_spaced_neurons_are_shown(tmp_path: Path) -> Non
     recorder = RerunRecorder(setting(tmp_path, [0]))
     spikes = torch.zeros(20, 1, 1000)
     spikes[:, :, 999] = 1.0  # the last one fires always, the others never
-    spiked, rates = {"watch": {"hidden": spikes}}, {"watch": {"hidden": torch.tensor([0.001])}}
-    recorder.sample(Sample(0, 0.0, np.array([True]), {}, {}, {}, {}, {}, spiked, rates, [0]))
+    spiked = {"watch": {"hidden": LayerSpikes.of(spikes, spikes.sum((0, 2)), RerunRecorder.wants_spikes)}}
+    recorder.sample(Sample(0, 0.0, np.array([True]), {}, {}, {}, {}, {}, spiked, [0]))
     path = recorder.finish()
     assert path is not None
     columns, _ = read(path)
@@ -193,7 +193,7 @@ def test_a_recording_that_cannot_be_written_is_the_system_s_error(
 
     recorder = RerunRecorder(setting(tmp_path, [0]))
     outputs = {"drive": {"speed": torch.ones(1, 1)}}
-    recorder.sample(Sample(0, 0.0, np.array([True]), {}, {}, {}, {}, outputs, {}, {}, [0]))
+    recorder.sample(Sample(0, 0.0, np.array([True]), {}, {}, {}, {}, outputs, {}, [0]))
     with monkeypatch.context() as patch, pytest.raises(OSError, match="shut down prematurely"):
         patch.setattr(rr.RecordingStream, "flush", full)
         recorder.finish()
@@ -202,7 +202,7 @@ def test_a_recording_that_cannot_be_written_is_the_system_s_error(
 def test_a_brain_without_body_and_spikes_is_recorded_too(tmp_path: Path) -> None:
     recorder = RerunRecorder(setting(tmp_path, [0]))
     outputs = {"drive": {"speed": torch.ones(1, 1)}}
-    recorder.sample(Sample(0, 0.0, np.array([True]), {}, {}, {}, {}, outputs, {}, {}, [0]))
+    recorder.sample(Sample(0, 0.0, np.array([True]), {}, {}, {}, {}, outputs, {}, [0]))
     path = recorder.finish()
     assert path is not None
     columns, _ = read(path)
