@@ -54,6 +54,10 @@ class Code(ABC):
         """Return which ``values`` lie outside the range, as booleans of their shape."""
         return (values < self.lo) | (values > self.hi)
 
+    def saturates(self, values: "Tensor") -> bool:
+        """Return whether any of the ``values`` lies outside the range."""
+        return bool(self.saturated(values).any())
+
     def fraction(self, values: "Tensor") -> "Tensor":
         """Return where ``values`` lie in the range, clipped to 0..1; a ValueError if any is not finite."""
         if not values.isfinite().all():

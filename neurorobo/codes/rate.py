@@ -22,6 +22,13 @@ class CountCode(Code):
         """Return the value of one spike."""
         return (self.hi - self.lo) / (self.neurons * steps)
 
+    def saturates(self, values: "Tensor") -> bool:
+        """Return whether any of the ``values`` lies outside the range; in fewer operations than of every one."""
+        if not values.numel():
+            return False
+        least, largest = values.aminmax()
+        return float(least) < self.lo or float(largest) > self.hi
+
     def decode(self, spikes: "Tensor") -> "Tensor":
         """Count the spikes of each component; differentiable."""
         steps, batch, _ = spikes.shape

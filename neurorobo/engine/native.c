@@ -744,9 +744,15 @@ void neurorobo_decode(const float *spikes, int64_t steps, int64_t values, int64_
                       double resolution, float *value) {
     float low = (float)lo, unit = (float)resolution;
     for (int64_t v = 0; v < values; v++) {
-        float count = 0;
-        for (int64_t t = 0; t < steps; t++)
-            for (int64_t n = 0; n < neurons; n++) count += spikes[(t * values + v) * neurons + n];
+        float counts[LINE] = {0}, count = 0; /* whole numbers, whose sums are exact in any order */
+        for (int64_t t = 0; t < steps; t++) {
+            const float *row = spikes + (t * values + v) * neurons;
+            int64_t n = 0;
+            for (; n + LINE <= neurons; n += LINE)
+                for (int64_t i = 0; i < LINE; i++) counts[i] += row[n + i];
+            for (int64_t i = 0; n + i < neurons; i++) counts[i] += row[n + i];
+        }
+        for (int64_t i = 0; i < LINE; i++) count += counts[i];
         value[v] = low + count * unit;
     }
 }

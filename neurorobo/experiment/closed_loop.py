@@ -137,7 +137,8 @@ class _Watch:
     keeps_values: bool
     wants_spikes: int
     inputs: dict[str, list[Mapping[str, Tensor]]] = field(default_factory=dict)
-    outputs: dict[str, dict[str, Tensor]] = field(default_factory=dict)
+    latest: dict[str, tuple[Use, Mapping[str, Tensor]]] = field(default_factory=dict)
+    outputs: dict[str, dict[str, Tensor]] = field(default_factory=dict)  # as numbers
     spikes: dict[str, dict[str, LayerSpikes]] = field(default_factory=dict)
     running: Tensor = field(init=False)
     heard: dict[str, tuple[Tensor, int]] = field(default_factory=dict)  # of this tick: spikes (batch), and chances
@@ -147,22 +148,24 @@ class _Watch:
 
     def begin(self, running: Flags) -> None:
         """Start a tick, in which the ``running`` episodes count."""
-        self.inputs, self.outputs, self.spikes, self.heard = {}, {}, {}, {}
+        self.inputs, self.latest, self.spikes, self.heard = {}, {}, {}, {}
         self.running = torch.from_numpy(running.astype(np.float64))
 
     def end(self) -> None:
         """End a tick."""
+        self.outputs = {
+            use.name: {name: to_numbers(value, use.outputs[name].code) for name, value in outputs.items()}
+            for use, outputs in self.latest.values()
+        }
         for region, (fired, chances) in self.heard.items():
             self.fired[region] = self.fired.get(region, 0) + self.running * fired
             self.chances[region] = self.chances.get(region, 0) + self.running * chances
 
     def used(self, use: Use, iteration: int, inputs: Mapping[str, Tensor], outputs: Mapping[str, Tensor]) -> None:
-        """Keep the inputs of a use as they came, and its outputs as numbers."""
+        """Keep the inputs of a use as they came, and the outputs of its last iteration."""
         if self.keeps_values:
             self.inputs.setdefault(use.name, []).append(inputs)
-            self.outputs[use.name] = {
-                name: to_numbers(value, use.outputs[name].code) for name, value in outputs.items()
-            }
+            self.latest[use.name] = use, outputs
 
     def probe(self, use: Use) -> Probe:
         """Count the spikes of a use, and keep them if a recorder wants them."""

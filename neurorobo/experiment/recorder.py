@@ -5,10 +5,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
@@ -30,29 +29,32 @@ class Setting:
     task: Task[Any] | None
 
 
-@dataclass(frozen=True)
-class LayerSpikes:
+class LayerSpikes(NamedTuple):
     """What a layer fired in a window: ``some`` (steps, batch, neurons) of its ``neurons``, evenly spaced, as booleans.
 
-    ``rate`` (batch) counts all of them: spikes per neuron and step.
+    ``fired`` (batch) is how many spikes of all neurons there are.
     """
 
-    some: Tensor
+    some: NDArray[np.bool_]
     neurons: int
-    rate: Tensor
+    fired: Tensor
 
     @classmethod
-    def of(cls, spikes: Tensor, count: Tensor, most: int) -> "LayerSpikes":
-        """Keep at most so many neurons of the spikes (steps, batch, neurons), of which there are ``count`` (batch)."""
-        steps, _, neurons = spikes.shape
-        some = spikes if neurons <= most else spikes.index_select(2, _evenly_spaced(neurons, most))
-        return cls(some.bool(), neurons, count / (steps * neurons))
+    def of(cls, spikes: Tensor, fired: Tensor, most: int) -> "LayerSpikes":
+        """Keep at most so many neurons of spikes (steps, batch, neurons)."""
+        neurons = spikes.shape[2]
+        every = spikes.numpy()
+        return cls((every if neurons <= most else every[:, :, _evenly_spaced(neurons, most)]) != 0, neurons, fired)
+
+    @property
+    def rate(self) -> Tensor:
+        """Return spikes per neuron and step (batch)."""
+        return self.fired / (len(self.some) * self.neurons)
 
 
 @cache
-def _evenly_spaced(neurons: int, most: int) -> Tensor:
-    with torch.inference_mode(False):
-        return torch.linspace(0, neurons - 1, most, dtype=torch.float64).round().long()
+def _evenly_spaced(neurons: int, most: int) -> NDArray[np.int64]:
+    return np.linspace(0, neurons - 1, most).round().astype(np.int64)
 
 
 @dataclass(frozen=True)

@@ -275,12 +275,12 @@ class _Moment:
         if source == target:
             return value
         numbers = to_numbers(value, source)
-        if self.observer is not None and target is not None and edge.can_saturate:
-            # A decoded value may leave its code's range by a rounding.
+        if self.observer is not None and target is not None and edge.can_saturate and target.saturates(numbers):
+            # A decoded value may leave its own code's range by a rounding, and that does not count.
             inside = numbers if source is None else numbers.clamp(source.lo, source.hi)
-            outside = target.saturated(inside)
+            outside = target.saturated(inside).sum(1)
             if outside.any():
-                self.observer.saturated(edge, outside.sum(1))
+                self.observer.saturated(edge, outside)
         return from_numbers(numbers, target, self.steps, self.generators)
 
     def run_repeat(self, block: Repeat) -> None:

@@ -208,7 +208,7 @@ class RerunRecorder(Recorder):
         for step, kept in self._windows.items():
             ticks, windows = zip(*kept, strict=True)
             neurons = {layer: spikes.neurons for layer, spikes in windows[-1].items()}
-            pictures = [_picture([spikes.some[:, 0].numpy() for spikes in layers.values()]) for layers in windows]
+            pictures = [_picture([spikes.some[:, 0] for spikes in layers.values()]) for layers in windows]
             yield step, Raster(np.array(ticks), np.stack(pictures), neurons)
 
 

@@ -160,13 +160,13 @@ def test_every_spike_reads_back(tmp_path: Path) -> None:
     shown = pictures(columns["/spikes/watch"])
     assert len(shown) == len(watched)
     for picture, layers in zip(shown, watched, strict=True):
-        hidden, output = (layers[name].some[:, 0].T.numpy() for name in ("hidden", "output"))
+        hidden, output = (layers[name].some[:, 0].T for name in ("hidden", "output"))
         upwards = picture[::-1]  # the first neuron of the first layer is lowest
         assert (upwards[: len(hidden)] == hidden).all()
         assert (upwards[-len(output) :] == 2 * output.astype(int)).all()
         assert not upwards[len(hidden) : -len(output)].any()
     for layer in ("hidden", "output"):
-        expected = [[float(layers[layer].some[:, 0].float().mean())] for layers in watched]
+        expected = [[float(layers[layer].some[:, 0].mean())] for layers in watched]
         np.testing.assert_allclose(scalars(columns[f"/rates/watch/{layer}"]), expected, rtol=1e-6)
 
 
