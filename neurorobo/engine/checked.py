@@ -104,9 +104,12 @@ class CheckedWeights:
             self._seen[name] = Seen(weight, memory, memory.data_ptr(), weight._version, _optimiser_steps, packed)
 
 
-def check_spikes(spikes: Tensor) -> None:
-    """Raise a ValueError, which says the place, unless all spikes (steps, batch, sources) are 0 or 1."""
+def check_spikes(spikes: Tensor, first: int = 0) -> None:
+    """Raise a ValueError, which says the place, unless all spikes (steps, batch, sources) are 0 or 1.
+
+    The batch is counted from ``first`` on.
+    """
     fine = (spikes == 0) | (spikes == 1)
     if not fine.all():
         step, element, source = (~fine).nonzero()[0].tolist()
-        raise ValueError(not_a_spike(spikes, step, element, source))
+        raise ValueError(not_a_spike(spikes[step, element, source].item(), step, first + element, source))

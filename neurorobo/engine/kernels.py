@@ -234,7 +234,7 @@ class Kernels:
         if count < 0:
             step, rest = divmod(-1 - count, batch * sources)
             element, source = divmod(rest, sources)
-            raise ValueError(not_a_spike(spikes, step, element, source))
+            raise ValueError(not_a_spike(spikes[step, element, source].item(), step, element, source))
         return count
 
     def pack_weights(self, weight: Tensor, old: Packed | None = None, *, as_bytes: bool = False) -> Packed:
@@ -415,9 +415,8 @@ def _unit(weight: Tensor) -> float | None:
     return math.ldexp(1.0, exponent - (fraction == 0.5))
 
 
-def not_a_spike(spikes: Tensor, step: int, element: int, source: int) -> str:
-    """Say which of the spikes (steps, batch, sources) is none."""
-    value = spikes[step, element, source].item()
+def not_a_spike(value: float, step: int, element: int, source: int) -> str:
+    """Say which value is no spike."""
     return f"spikes are 0 or 1, got {value:g} from source {source} (step {step}, batch element {element})"
 
 

@@ -19,6 +19,9 @@ from neurorobo.synapses import Dense, FanIn, Projection
 LEAST_THRESHOLD = 0.05
 """Where the training of a threshold stops: neurons below it would fire by themselves."""
 
+ROWS_AT_ONCE = 1024
+"""Steps x batch elements that the portable path runs at once where no gradients are kept: more leave the cache."""
+
 
 class Layer(nn.Module):
     """A population of neurons, the projections that excite it, and perhaps one onto itself.
@@ -107,16 +110,30 @@ class Layer(nn.Module):
         self._check_sizes(projections, inputs)
         if self.threshold is not None:
             self._checked.check("threshold", self.threshold)
-        if type(neuron) is not LIF:
-            current = self._current(projections, inputs)
-            return run_steps(current, state, neuron, self._recurrent_weight())
-        if (native := kernels()) is not None:
+        if type(neuron) is LIF and (native := kernels()) is not None:
             ran = self._run_events(native, projections, inputs, state, neuron)
             if ran is not None:
                 return ran
-        current = self._current(projections, inputs)
-        check_potential(state, current)
-        return run_checked(current, state, neuron, self.threshold, self._recurrent_weight())
+        steps, batch, _ = inputs[0].shape
+        at_once = batch if torch.is_grad_enabled() else ROWS_AT_ONCE // steps + 1
+        if batch <= at_once or len(state) != batch:
+            return self._run_in_torch(projections, inputs, state)
+        spikes, after = state.new_empty(steps, batch, self.neurons), torch.empty_like(state)
+        for first in range(0, batch, at_once):
+            some = slice(first, first + at_once)
+            part = [x[:, some] for x in inputs]
+            spikes[:, some], after[some] = self._run_in_torch(projections, part, state[some], first)
+        return spikes, after
+
+    def _run_in_torch(
+        self, projections: Sequence[nn.Module], inputs: Sequence[Tensor], state: Tensor, first: int = 0
+    ) -> tuple[Tensor, Tensor]:
+        """Run on the portable path; ``first`` is the number of the first batch element, for errors."""
+        current, recurrent_weight = self._current(projections, inputs, first), self._recurrent_weight()
+        if type(self.neuron) is not LIF:
+            return run_steps(current, state, self.neuron, recurrent_weight)
+        check_potential(state, current, first)
+        return run_checked(current, state, self.neuron, self.threshold, recurrent_weight)
 
     def _run_prepared(
         self,
@@ -187,17 +204,17 @@ class Layer(nn.Module):
         self._checked.check("recurrent", self.recurrent.weight)
         return self.recurrent.matrix()
 
-    def _current(self, projections: Sequence[nn.Module], inputs: Sequence[Tensor]) -> Tensor:
+    def _current(self, projections: Sequence[nn.Module], inputs: Sequence[Tensor], first: int) -> Tensor:
         """Return the currents (steps, batch, neurons) of all projections, by matrix products."""
         for number, (projection, spikes) in enumerate(zip(projections, inputs, strict=True)):
             weight: Tensor = projection.weight  # type: ignore[assignment]
             if spikes.dtype != weight.dtype:
                 raise ValueError(f"projection {number} of {weight.dtype} was given spikes of {spikes.dtype}")
-            check_spikes(spikes)
+            check_spikes(spikes, first)
             self._checked.check(f"projection {number}", weight)
-        first, *rest = zip(projections, inputs, strict=True)
-        current: Tensor = first[0](first[1])
-        for projection, spikes in rest:
+        one, *others = zip(projections, inputs, strict=True)
+        current: Tensor = one[0](one[1])
+        for projection, spikes in others:
             current += projection(spikes)
         return current
 

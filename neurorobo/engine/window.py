@@ -50,13 +50,16 @@ def run_window(
     return run_checked(current, potential, neuron, threshold, recurrent_weight)
 
 
-def check_potential(potential: Tensor, current: Tensor) -> None:
-    """Raise a ValueError unless a potential (batch, neurons) fits the currents of a window, and is finite."""
+def check_potential(potential: Tensor, current: Tensor, first: int = 0) -> None:
+    """Raise a ValueError unless a potential (batch, neurons) fits the currents of a window, and is finite.
+
+    The batch is counted from ``first`` on.
+    """
     if current.shape[1:] != potential.shape:
         raise ValueError(
             f"the potential is of {tuple(potential.shape)} (batch, neurons), the current of {tuple(current.shape[1:])}"
         )
-    _check("potential", potential, current)
+    _check("potential", potential, current, first)
 
 
 def _check_window(current: Tensor) -> None:
@@ -68,14 +71,17 @@ def _check_window(current: Tensor) -> None:
         raise ValueError(f"a current is of floating-point numbers, got {current.dtype}")
 
 
-def _check(name: str, tensor: Tensor, current: Tensor) -> None:
+def _check(name: str, tensor: Tensor, current: Tensor, first: int = 0) -> None:
     """Raise a ValueError unless all numbers are finite, and of the current's type."""
     if tensor.dtype != current.dtype:
         raise ValueError(f"a {name} of {tensor.dtype} does not go with a current of {current.dtype}")
     finite = tensor.detach().isfinite()
     if not finite.all():
         place = (~finite).nonzero()[0].tolist()
-        raise ValueError(f"a {name} is a finite number, got {tensor[tuple(place)].item()} at {place}")
+        value = tensor[tuple(place)].item()
+        if place:
+            place[0] += first
+        raise ValueError(f"a {name} is a finite number, got {value} at {place}")
 
 
 def run_checked(

@@ -7,9 +7,11 @@ import torch
 from torch import Tensor
 
 from neurorobo.engine import Layer
+from neurorobo.engine import layer as layer_module
 from neurorobo.neurons import LIF, Surrogate
 from neurorobo.regions.weights import to_grid
 from neurorobo.synapses import Dense, FanIn
+from tests.engine.paths import engine
 
 
 def generator(seed: int = 0) -> torch.Generator:
@@ -181,3 +183,22 @@ def test_an_input_too_many_is_refused() -> None:
     layer = Layer([Dense(3, 4, generator())], LIF())
     with pytest.raises(ValueError):
         layer([spikes(5, 1, 3), spikes(5, 1, 3)], layer.at_rest(1))
+
+
+@pytest.mark.parametrize("model", [LIF, Stepped])
+@torch.no_grad()
+def test_a_large_batch_runs_in_parts_as_it_does_in_one(model: type[LIF], monkeypatch: pytest.MonkeyPatch) -> None:
+    layer = Layer([Dense(30, 20, generator(), gain=2.0)], model(), Dense(20, 20, generator()))
+    for parameter in layer.parameters():
+        parameter.copy_(to_grid(parameter, 12))
+    given, state = spikes(9, 7, 30), layer.at_rest(7)
+    with engine("portable"):
+        whole = layer([given], state)
+        monkeypatch.setattr(layer_module, "ROWS_AT_ONCE", 20)  # batches of 3, 3 and 1
+        parts = layer([given], state)
+        assert all(torch.equal(found, expected) for found, expected in zip(parts, whole, strict=True))
+        given[4, 5, 6] = 2
+        with pytest.raises(ValueError, match=r"got 2 from source 6 \(step 4, batch element 5\)"):
+            layer([given], state)
+        with pytest.raises(ValueError, match=r"the (potential|state) is of"):
+            layer([given.clamp(max=1)], layer.at_rest(6))
