@@ -1,6 +1,5 @@
 """A layer: projections onto one population of neurons."""
 
-import sys
 from collections.abc import Callable, Sequence
 from typing import Any, ClassVar
 
@@ -85,10 +84,9 @@ class Layer(nn.Module):
         weight or a potential is not finite; a NotImplementedError under the transforms of ``torch.func``, in forward
         mode, and where torch traces or exports. Autocast does not reach into a layer.
         """
-        if "torch._dynamo" not in sys.modules:
+        if not torch.compiler.is_compiling():
             return self._run(inputs, state)
-        # torch.compile may be at work; it is to leave the engine as it is. Decorated at first sight and not before, as
-        # the decorator imports the compiler, and not each time, as that takes as long as a small window.
+        # torch.compile is to leave the engine as it is. Decorated at first sight, as the decorator imports the compiler.
         if Layer._run_apart is None:
             Layer._run_apart = torch.compiler.disable(Layer._run, reason="a layer runs as it is")
         return Layer._run_apart(self, inputs, state)  # type: ignore[no-any-return]
