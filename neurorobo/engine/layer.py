@@ -86,7 +86,7 @@ class Layer(nn.Module):
         """
         if not torch.compiler.is_compiling():
             return self._run(inputs, state)
-        # torch.compile is to leave the engine as it is. Decorated at first sight, as the decorator imports the compiler.
+        # torch.compile is to leave the engine as it is. Decorated at first sight, as the decorator imports compilers.
         if Layer._run_apart is None:
             Layer._run_apart = torch.compiler.disable(Layer._run, reason="a layer runs as it is")
         return Layer._run_apart(self, inputs, state)  # type: ignore[no-any-return]
