@@ -50,8 +50,7 @@ class CoarseFine(Code):
         """Return the spikes of this code, of those of its two parts."""
         import torch
 
-        shape = (*coarse.shape[:2], -1)
-        parts = (coarse.view(*shape, self.coarse.neurons), fine.view(*shape, self.fine.neurons))
+        parts = (coarse.unflatten(-1, (-1, self.coarse.neurons)), fine.unflatten(-1, (-1, self.fine.neurons)))
         return torch.cat(parts, dim=-1).flatten(2)
 
     def decode(self, spikes: "Tensor") -> "Tensor":

@@ -54,8 +54,8 @@ class Code(ABC):
         """Return which ``values`` lie outside the range, as booleans of their shape."""
         return (values < self.lo) | (values > self.hi)
 
-    def saturates(self, values: "Tensor") -> bool:
-        """Return whether any of the ``values`` lies outside the range."""
+    def may_saturate(self, values: "Tensor") -> bool:
+        """Return False if no value lies outside the range; a fast question before :meth:`saturated`."""
         return bool(self.saturated(values).any())
 
     def fraction(self, values: "Tensor") -> "Tensor":

@@ -22,8 +22,8 @@ class CountCode(Code):
         """Return the value of one spike."""
         return (self.hi - self.lo) / (self.neurons * steps)
 
-    def saturates(self, values: "Tensor") -> bool:
-        """Return whether any of the ``values`` lies outside the range; in fewer operations than of every one."""
+    def may_saturate(self, values: "Tensor") -> bool:
+        """Compare the extremes, in fewer operations; a value next to the end of the range may seem to be outside."""
         if not values.numel():
             return False
         least, largest = values.aminmax()

@@ -81,7 +81,7 @@ class CheckedWeights:
         ``as_bytes`` asks to see whether they fit into bytes, which is not worth its time for weights in training.
         """
         seen = self._seen.get(name)
-        if seen is not None and seen.packed is not None and seen.is_still(weight):
+        if seen is not None and seen.packed is not None and seen.is_still(weight) and seen.packed.serves(as_bytes):
             return seen.packed
         try:
             old = seen.packed if seen is not None and seen.tensor is weight else None

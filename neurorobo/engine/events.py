@@ -62,7 +62,7 @@ def way_back(backward: Callable[..., Any]) -> Callable[..., Any]:
             )
         if not torch._C._is_any_autocast_enabled():
             return backward(ctx, *grads)
-        device = next(grad.device.type for grad in grads if grad is not None)
+        device = next((grad.device.type for grad in grads if grad is not None), "cpu")
         with torch.autocast(device, enabled=False):
             return backward(ctx, *grads)
 
@@ -270,4 +270,4 @@ class _Window(torch.autograd.Function):
 def number_tensor(value: float) -> Tensor:
     """Return a threshold as a tensor, which may be kept for a way back."""
     with torch.inference_mode(False):
-        return torch.tensor(value)
+        return torch.tensor(value, dtype=torch.float32, device="cpu")

@@ -108,10 +108,18 @@ class Events(NamedTuple):
 
 
 class Packed(NamedTuple):
-    """Weights as the kernels want them: floats, or bytes that count multiples of ``unit``, which is 0 with floats."""
+    """Weights as the kernels want them: floats, or bytes that count multiples of ``unit``, which is 0 with floats.
+
+    ``tried_bytes`` tells of floats that they do not fit into bytes.
+    """
 
     memory: Tensor
     unit: float = 0.0
+    tried_bytes: bool = False
+
+    def serves(self, as_bytes: bool) -> bool:
+        """Return whether they are what packing them anew would give."""
+        return bool(self.unit or self.tried_bytes) if as_bytes else not self.unit
 
 
 class Drive(NamedTuple):
@@ -142,7 +150,7 @@ class NativeWindow:
         self.recurrent_work = 0 if recurrent is None else steps * batch * neurons * neurons // 8
         self.fired: Tensor | None = None
         if recurrent is not None:
-            self.fired = torch.empty(steps + 1, batch, (neurons + 63) // 64, dtype=torch.int64)
+            self.fired = torch.empty(steps + 1, batch, (neurons + 63) // 64, dtype=torch.int64, device="cpu")
         self._memory = (*drives, recurrent, threshold)
         projections = (_Projection * len(drives))(
             *(
@@ -210,7 +218,7 @@ class Kernels:
 
     def empty(self, shape: Sequence[int]) -> Tensor:
         """Return a tensor to be written; large ones, such as spikes of large batches, in large pages."""
-        room = torch.empty(shape)
+        room = _floats(shape)
         if room.nbytes >= LARGE_BYTES:
             self._use_large_pages(room.data_ptr(), room.nbytes)
         return room
@@ -218,7 +226,7 @@ class Kernels:
     def pack_spikes(self, spikes: Tensor) -> Events:
         """Turn spikes (steps, batch, sources), any strides, into events; a ValueError if any is neither 0 nor 1."""
         steps, batch, sources = spikes.shape
-        words = torch.empty(steps, batch, (sources + 63) // 64, dtype=torch.int64)
+        words = torch.empty(steps, batch, (sources + 63) // 64, dtype=torch.int64, device="cpu")
         return Events(words, sources, self.pack_into(words, spikes))
 
     def pack_into(self, words: Tensor, spikes: Tensor) -> int:
@@ -245,15 +253,15 @@ class Kernels:
         targets, sources = weight.shape
         weight = weight.contiguous()
         if as_bytes and (unit := _unit(weight)):
-            packed = torch.empty(self._packed_shorts(targets, sources), dtype=torch.int16)
+            packed = torch.empty(self._packed_shorts(targets, sources), dtype=torch.int16, device="cpu")
             if not self._pack_bytes(weight.data_ptr(), targets, sources, unit, packed.data_ptr()):
                 return Packed(packed, unit)
         size = self._packed_size(targets, sources)
-        memory = torch.empty(size) if old is None or old.unit or len(old.memory) != size else old.memory
+        memory = _floats((size,)) if old is None or old.unit or len(old.memory) != size else old.memory
         broken = self._pack_weights(weight.data_ptr(), targets, sources, memory.data_ptr())
         if broken >= 0:
             raise ValueError(not_finite(weight, list(divmod(broken, sources))))
-        return Packed(memory)
+        return Packed(memory, tried_bytes=as_bytes)
 
     def run_window(
         self,
@@ -358,7 +366,7 @@ class Kernels:
         """Return the gradient of weights (targets, sources), or (targets, fan_in) of those that ``index`` names."""
         steps, batch, targets = grad_current.shape
         fan_in = events.sources if index is None else index.shape[1]
-        gradient = torch.empty(targets, fan_in)
+        gradient = _floats((targets, fan_in))
         failed = self._weight_gradient(
             ctypes.byref(
                 _WeightGradient(
@@ -397,16 +405,21 @@ class Kernels:
     def decode(self, spikes: Tensor, neurons: int, lo: float, resolution: float) -> Tensor:
         """Return ``lo + resolution * count`` (batch, width) of spikes (steps, batch, width * neurons)."""
         steps, batch, channels = spikes.shape
-        values = torch.empty(batch, channels // neurons)
+        values = _floats((batch, channels // neurons))
         spikes = spikes.contiguous()
         self._decode(spikes.data_ptr(), steps, values.numel(), neurons, lo, resolution, values.data_ptr())
         return values
 
 
+def _floats(shape: Sequence[int]) -> Tensor:
+    """Return a tensor to be written, whatever the type and the device that torch takes by default."""
+    return torch.empty(shape, dtype=torch.float32, device="cpu")
+
+
 def _unit(weight: Tensor) -> float | None:
     """Return the least power of two of which no weight is more than 127; None if its sums might not be exact."""
     sources = weight.shape[1]
-    if 127 * sources >= 2**24:
+    if weight.numel() == 0 or 127 * sources >= 2**24:
         return None
     largest = max(abs(extreme.item()) for extreme in weight.detach().aminmax())
     if not math.isfinite(largest) or largest == 0:

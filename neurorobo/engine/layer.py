@@ -18,8 +18,8 @@ from neurorobo.synapses import Dense, FanIn, Projection
 LEAST_THRESHOLD = 0.05
 """Where the training of a threshold stops: neurons below it would fire by themselves."""
 
-ROWS_AT_ONCE = 1024
-"""Steps x batch elements that the portable path runs at once where no gradients are kept: more leave the cache."""
+CURRENTS_AT_ONCE = 2**23
+"""How many the portable path computes at once where no gradients are kept: more, and memory takes most of the time."""
 
 
 class Layer(nn.Module):
@@ -65,7 +65,7 @@ class Layer(nn.Module):
         first = next(iter(self.projections._modules.values()))  # half the time that `self.projections[0]` takes
         weight: Tensor = first.weight  # type: ignore[assignment]
         state = self.neuron.at_rest(batch, self.neurons)
-        state = state if is_native(weight) else state.to(weight)
+        state = state.to(weight)
         if self.recurrent is not None and type(self.neuron) is not LIF:
             state = torch.cat([state, state.new_zeros(batch, self.neurons)], dim=1)
         return state
@@ -113,15 +113,15 @@ class Layer(nn.Module):
             if ran is not None:
                 return ran
         steps, batch, _ = inputs[0].shape
-        at_once = batch if torch.is_grad_enabled() else ROWS_AT_ONCE // steps + 1
+        at_once = batch if torch.is_grad_enabled() else max(1, CURRENTS_AT_ONCE // (steps * self.neurons))
         if batch <= at_once or len(state) != batch:
             return self._run_in_torch(projections, inputs, state)
-        spikes, after = state.new_empty(steps, batch, self.neurons), torch.empty_like(state)
-        for first in range(0, batch, at_once):
-            some = slice(first, first + at_once)
-            part = [x[:, some] for x in inputs]
-            spikes[:, some], after[some] = self._run_in_torch(projections, part, state[some], first)
-        return spikes, after
+        parts = zip(*(x.split(at_once, dim=1) for x in inputs), strict=True)
+        pieces = [
+            self._run_in_torch(projections, part, piece, number * at_once)
+            for number, (part, piece) in enumerate(zip(parts, state.split(at_once), strict=True))
+        ]
+        return torch.cat([spikes for spikes, _ in pieces], dim=1), torch.cat([after for _, after in pieces])
 
     def _run_in_torch(
         self, projections: Sequence[nn.Module], inputs: Sequence[Tensor], state: Tensor, first: int = 0
@@ -181,16 +181,14 @@ class Layer(nn.Module):
 
     def _check_weights(self, name: str, projection: nn.Module, sources: int) -> None:
         """Raise a ValueError unless the weights of one of the core's projections have the shape that belongs to it."""
-        weight = projection._parameters.get("weight")
-        if weight is None:  # computed by a parametrization
-            return
         wanted = (self.neurons, sources)
         if type(projection) is FanIn:
             wanted = (self.neurons, projection.source_index.shape[-1])
             self._checked.check_index(name, projection.source_index, wanted, sources)
         elif type(projection) is not Dense:
             return
-        if weight.shape != wanted:
+        weight = projection._parameters.get("weight")  # None if something computes it, such as a parametrization
+        if weight is not None and weight.shape != wanted:
             raise ValueError(
                 f"{name}: the weights from {sources} sources to {self.neurons} neurons are of {wanted}, "
                 f"got {tuple(weight.shape)}"
@@ -224,14 +222,14 @@ class Layer(nn.Module):
         indices: list[Tensor | None] = []
         for projection in projections:
             kind = type(projection)
-            if kind is Dense or kind is FanIn:
+            if (kind is Dense or kind is FanIn) and "weight" in projection._parameters:
                 weights.append(projection.weight)  # type: ignore[arg-type]
                 indices.append(projection.source_index.contiguous() if kind is FanIn else None)  # type: ignore[operator]
             else:
                 return None
         recurrent = None
         if self.recurrent is not None:
-            if type(self.recurrent) is not Dense:
+            if type(self.recurrent) is not Dense or "weight" not in self.recurrent._parameters:
                 return None
             recurrent = self.recurrent.weight
         if not is_native(state, recurrent, *inputs, *weights):

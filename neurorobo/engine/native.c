@@ -2,14 +2,15 @@
  *
  * Plain C without headers of Python or torch; `kernels.py` calls it, and checks all arguments before. The file is built
  * once for each instruction set; the tile is the only thing that differs. Every sum has one order, whatever the
- * instruction set, the number of threads, the batch and the division of a window: sources ascend. Products and sums
+ * instruction set, the number of threads, the batch and the division of a window: sources ascend, one by one or, of
+ * weights packed as bytes, in groups of 256 that are exact. Products and sums
  * are rounded apart (-ffp-contract=off), so that all builds give the same bits.
  *
  * Spikes come as bits: a row of 64-bit words for each step and batch element, source s in bit s % 64 of word s / 64.
  * A layer's currents are then sums of those rows of its weights that the bits select. Weights are packed in tiles of
  * neighbouring targets, (tile, sources, targets of the tile), so that a row of a tile fits into registers: as floats, or
- * as bytes if all are small multiples of one power of two, whose sums are exact in either form. A weight gradient is
- * the same sum with the roles exchanged: rows of current gradients, selected by the bits of one source.
+ * as bytes if all are small multiples of one power of two. A weight gradient is the same sum with the roles exchanged:
+ * rows of current gradients, selected by the bits of one source.
  */
 
 #define _DEFAULT_SOURCE /* for madvise */
@@ -35,7 +36,7 @@ enum {
     VECTORS = 8, /* the accumulators of one row of a tile; they stay in registers */
     TILE = VECTORS * LANES,
     WORD = 64,       /* sources in one word */
-    SHORTS = VECTOR_BYTES / 2,
+    SHORTS = VECTOR_BYTES / 2, /* 16-bit numbers in one vector */
     BYTES = 2 * SHORTS, /* weights in bytes that are added up together */
     BYTE_WORDS = 4,     /* words of sources whose sums stay within 16 bits: 4 * 64 * 255 < 2^16 */
     LINE = 16,       /* floats in one line of the cache */
@@ -47,7 +48,7 @@ enum {
 
 typedef float vector __attribute__((vector_size(VECTOR_BYTES), aligned(4), may_alias));
 typedef int16_t shorts __attribute__((vector_size(VECTOR_BYTES), aligned(2), may_alias));
-typedef uint16_t wrapping __attribute__((vector_size(VECTOR_BYTES), aligned(2), may_alias));
+typedef uint16_t wrapping __attribute__((vector_size(VECTOR_BYTES), aligned(2), may_alias)); /* may overflow */
 
 #define INLINE static inline __attribute__((always_inline))
 

@@ -101,7 +101,7 @@ class PreparedWindow:
             if count > most:
                 return None
             ones += count
-        last = torch.zeros(self._state_shape)
+        last = torch.zeros(self._state_shape, dtype=torch.float32, device="cpu")
         if state is not None:
             last.copy_(state)
         fired = native.empty(self._shape)
@@ -157,7 +157,7 @@ def prepare(
     known = [module for module in projections if isinstance(module, Projection)]
     drives = []
     for module, weights in zip(known, ready.values(), strict=False):  # the projections come first
-        words = torch.empty(steps, batch, (module.sources + 63) // 64, dtype=torch.int64)
+        words = torch.empty(steps, batch, (module.sources + 63) // 64, dtype=torch.int64, device="cpu")
         index = module.source_index.contiguous() if isinstance(module, FanIn) else None
         drives.append(Drive(Events(words, module.sources, 0), weights, index))
     threshold = ready["threshold"].memory if "threshold" in ready else number_tensor(neuron.threshold)

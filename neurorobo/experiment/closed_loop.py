@@ -64,7 +64,7 @@ def run_episodes(
     batch = len(seeds)
     running: Flags = np.ones(batch, dtype=np.bool_)
     supervised = None if task is None else SupervisedTask(task)
-    watch = _Watch(batch, bool(recorders), max((recorder.wants_spikes for recorder in recorders), default=0))
+    watch = _Watch(batch, bool(recorders), max((recorder.most_neurons for recorder in recorders), default=0))
     state = brain.init_state(seeds)
     with torch.inference_mode(), _stopped_at_the_end(task):
         if supervised is not None:
@@ -135,7 +135,7 @@ class _Watch:
 
     batch: int
     keeps_values: bool
-    wants_spikes: int
+    most_neurons: int
     inputs: dict[str, list[Mapping[str, Tensor]]] = field(default_factory=dict)
     latest: dict[str, tuple[Use, Mapping[str, Tensor]]] = field(default_factory=dict)
     outputs: dict[str, dict[str, Tensor]] = field(default_factory=dict)  # as numbers
@@ -167,16 +167,16 @@ class _Watch:
             self.inputs.setdefault(use.name, []).append(inputs)
             self.latest[use.name] = use, outputs
 
-    def probe(self, use: Use) -> Probe:
-        """Count the spikes of a use, and keep them if a recorder wants them."""
+    def probe(self, use: Use, *, last: bool) -> Probe:
+        """Count the spikes of a use, and keep those of its last iteration if a recorder wants them."""
 
         def listen(layer: str, spikes: Tensor) -> None:
             steps, _, neurons = spikes.shape
             count = spikes.sum((0, 2))
             fired, chances = self.heard.get(use.region, (0, 0))
             self.heard[use.region] = (fired + count, chances + steps * neurons)
-            if self.wants_spikes:
-                self.spikes.setdefault(use.name, {})[layer] = LayerSpikes.of(spikes, count, self.wants_spikes)
+            if self.most_neurons and last:
+                self.spikes.setdefault(use.name, {})[layer] = LayerSpikes.of(spikes, count, self.most_neurons)
 
         return listen
 

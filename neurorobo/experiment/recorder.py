@@ -46,6 +46,12 @@ class LayerSpikes(NamedTuple):
         every = spikes.numpy()
         return cls((every if neurons <= most else every[:, :, _evenly_spaced(neurons, most)]) != 0, neurons, fired)
 
+    def of_first(self) -> "LayerSpikes":
+        """Return those of the first of the batch alone."""
+        if len(self.fired) == 1:
+            return self
+        return self._replace(some=self.some[:, :1].copy(), fired=self.fired[:1].clone())
+
     @property
     def rate(self) -> Tensor:
         """Return spikes per neuron and step (batch)."""
@@ -83,11 +89,11 @@ class Sample:
 
 
 class Sampler(Protocol):
-    """Takes every sample of a run; it ``wants_spikes`` of so many neurons of each layer at most, or of none."""
+    """Takes every sample of a run."""
 
     @property
-    def wants_spikes(self) -> int:
-        """Of how many neurons of each layer samples are to hold the spikes; 0 if of none."""
+    def most_neurons(self) -> int:
+        """Of how many neurons of each layer samples are to hold the spikes at least, if it has them; 0 if of none."""
 
     def sample(self, sample: Sample) -> None:
         """Take note of one tick."""
@@ -96,10 +102,11 @@ class Sampler(Protocol):
 class Recorder(ABC):
     """Keeps something of a run; samples are buffered, files are written at the end.
 
-    A recorder that ``wants_spikes`` is given the first batch only: those of a whole large run would fill the memory.
+    A recorder that asks for spikes, of ``most_neurons`` of each layer, is given the first batch only: those of a whole
+    large run would fill the memory.
     """
 
-    wants_spikes: ClassVar[int] = 0
+    most_neurons: ClassVar[int] = 0
 
     def __init__(self, setting: Setting) -> None:
         """Prepare to record one run."""

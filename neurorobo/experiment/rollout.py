@@ -64,7 +64,7 @@ class Rollout:
 class _Met:
     """Keeps the inputs of a region, of the episodes that are running, as numbers."""
 
-    wants_spikes = 0
+    most_neurons = 0
 
     def __init__(self, region: Region, steps: Sequence[str]) -> None:
         self.numbers: dict[str, list[Tensor]] = {name: [] for name in region.input_ports}

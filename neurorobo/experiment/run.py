@@ -83,7 +83,7 @@ def run_experiment(
                 task,
                 batch,
                 duration_ns=None if experiment.episode is None else experiment.episode.duration,
-                recorders=[r for r in recorders if start == 0 or not r.wants_spikes],
+                recorders=[r for r in recorders if start == 0 or not r.most_neurons],
                 progress=progress,
             )
         summary = summarise(results, frozenset() if task is None else task.higher_is_better)

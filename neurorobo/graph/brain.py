@@ -24,8 +24,11 @@ class Observer(Protocol):
     def used(self, use: Use, iteration: int, inputs: Mapping[str, Tensor], outputs: Mapping[str, Tensor]) -> None:
         """Take the inputs and the outputs of one use of a region, in the form that their ports carry."""
 
-    def probe(self, use: Use) -> Probe | None:
-        """Return what should listen to the spikes inside this use, if anything."""
+    def probe(self, use: Use, *, last: bool) -> Probe | None:
+        """Return what should listen to the spikes inside this use, if anything.
+
+        ``last`` tells whether the use runs no more in this tick.
+        """
 
     def saturated(self, edge: Edge, count: Tensor) -> None:
         """Take how many components of a value, ``count`` (batch), were out of the range of the code they went into.
@@ -106,10 +109,7 @@ class Brain(nn.Module):
         batch = len(seeds)
         generators = [torch.Generator().manual_seed(seed) for seed in seeds] if self.plan.stochastic else []
         regions = {name: self.region(name).init_state(batch) for name in self.names}
-        buffers = {  # cloned, as the values are kept for other starts
-            edge.name: tuple(value.clone() for value in self._initial(edge, batch, generators))
-            for edge in self.plan.edges()
-        }
+        buffers = {edge.name: self._initial(edge, batch, generators) for edge in self.plan.edges()}
         return BrainState(0, batch, regions, buffers, _states(generators, batch))
 
     def reset(self, state: BrainState, which: Tensor, seeds: Sequence[int]) -> BrainState:
@@ -176,7 +176,8 @@ class Brain(nn.Module):
         """Return the values of an edge before its source has spoken; none where the source always speaks first."""
         if edge.reduction != "newest":
             return (torch.zeros(batch, edge.reader_port.width + 1),) * edge.length
-        return (self._initial_value(edge.reader_port, batch, generators),) * edge.length
+        value = self._initial_value(edge.reader_port, batch, generators).clone()  # the kept one is nobody's to change
+        return (value,) * edge.length
 
     def _initial_value(self, port: Port, batch: int, generators: Sequence[torch.Generator]) -> Tensor:
         """Return the initial value of a port; but for stochastic codes, it is made once for each size of batch."""
@@ -245,7 +246,10 @@ class _Moment:
         for edge in self.brain.plan.outgoing.get(source, ()):
             if source == BODY and not edge.reads_sensor_at(self.state.tick):
                 continue
-            if (edge.iteration == "first" and not first) or (edge.iteration == "last" and not last):
+            when = edge.iteration
+            if when != "every" and (
+                (when == "first" and not first) or (when == "last" and not last) or (when == "all_but_last" and last)
+            ):
                 continue
             if edge.output not in outputs:
                 raise NeuroroboError(f"`{source}` did not give `{edge.output}`, which `{edge.reader}` reads")
@@ -275,7 +279,7 @@ class _Moment:
         if source == target:
             return value
         numbers = to_numbers(value, source)
-        if self.observer is not None and target is not None and edge.can_saturate and target.saturates(numbers):
+        if self.observer is not None and target is not None and edge.can_saturate and target.may_saturate(numbers):
             # A decoded value may leave its own code's range by a rounding, and that does not count.
             inside = numbers if source is None else numbers.clamp(source.lo, source.hi)
             outside = target.saturated(inside).sum(1)
@@ -305,8 +309,8 @@ class _Moment:
         region = self.brain.region(use.region)
         inputs = {name: self.read(edges[min(iteration, len(edges) - 1)]) for name, edges in use.inputs.items()}
         for name, port in use.defaults.items():
-            inputs[name] = self.brain._initial_value(port, self.state.batch, self.generators)
-        probe = None if self.observer is None else self.observer.probe(use)
+            inputs[name] = self.brain._initial_value(port, self.state.batch, self.generators).clone()
+        probe = None if self.observer is None else self.observer.probe(use, last=last)
         outputs, after = region.step(inputs, self._state_before(use, region), probe)
         if use.policy == "fork":
             self.forks[use.name] = after

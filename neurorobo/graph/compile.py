@@ -259,8 +259,9 @@ class _Compiler:
             if not together:
                 self._fault(path, f"`then {source}` needs a step of the same repeat; `{source.step}` is not in it")
                 return None
-            back = int(runs_first)
-            return replace(edge, iterations_back=back, length=back + 1)
+            if not runs_first:  # it is read in the next iteration, and after the last there is none
+                return replace(edge, iteration="all_but_last")
+            return replace(edge, iterations_back=1, length=2)
         misuse = self._misuse(reader, node, source)
         if misuse is not None:
             self._fault(path, misuse)

@@ -9,7 +9,7 @@ from neurorobo.clock import Clock
 from neurorobo.regions import Port
 
 StatePolicy = Literal["commit", "fork", "fresh"]
-Iteration = Literal["every", "first", "last"]
+Iteration = Literal["every", "first", "last", "all_but_last"]
 Reduction = Literal["newest", "sum", "mean"]
 
 

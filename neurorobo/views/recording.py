@@ -115,7 +115,7 @@ class RerunRecorder(Recorder):
     Of a step that repeats within a tick, the last iteration is kept.
     """
 
-    wants_spikes: ClassVar[int] = MOST_NEURONS
+    most_neurons: ClassVar[int] = MOST_NEURONS
 
     def __init__(self, setting: Setting) -> None:
         """Note the units, and build the task's scene."""
@@ -149,10 +149,13 @@ class RerunRecorder(Recorder):
         self._keep("command", sample.tick, sample.given)
         for step, outputs in sample.outputs.items():
             for name, value in outputs.items():
-                self._rows[f"steps/{step}/{name}"].append((sample.tick, value))
+                self._rows[f"steps/{step}/{name}"].append(
+                    (sample.tick, value if len(value) == 1 else value[:1].clone())
+                )
         for step, layers in sample.spikes.items():
-            self._windows[step].append((sample.tick, layers))
-            for layer, spikes in layers.items():
+            first = {layer: spikes.of_first() for layer, spikes in layers.items()}
+            self._windows[step].append((sample.tick, first))
+            for layer, spikes in first.items():
                 self._rows[f"rates/{step}/{layer}"].append((sample.tick, spikes.rate))
         task = self.setting.task
         if task is not None and not (sample.running & ~task.terminated() & ~task.truncated()).any():

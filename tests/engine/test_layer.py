@@ -194,7 +194,7 @@ def test_a_large_batch_runs_in_parts_as_it_does_in_one(model: type[LIF], monkeyp
     given, state = spikes(9, 7, 30), layer.at_rest(7)
     with engine("portable"):
         whole = layer([given], state)
-        monkeypatch.setattr(layer_module, "ROWS_AT_ONCE", 20)  # batches of 3, 3 and 1
+        monkeypatch.setattr(layer_module, "CURRENTS_AT_ONCE", 3 * 9 * 20)  # batches of 3, 3 and 1
         parts = layer([given], state)
         assert all(torch.equal(found, expected) for found, expected in zip(parts, whole, strict=True))
         given[4, 5, 6] = 2

@@ -17,8 +17,11 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from torch import Tensor, nn
+from torch.nn.utils import prune
 
-from neurorobo.engine import Layer, kernels
+from neurorobo.codes import PopulationUniform
+from neurorobo.engine import Layer, events, kernels
+from neurorobo.engine.coding import decode, encode
 from neurorobo.neurons import LIF, Surrogate
 from neurorobo.neurons.surrogate import SurrogateShape
 from neurorobo.regions.weights import to_grid
@@ -264,6 +267,75 @@ def test_no_sum_of_bytes_runs_over(sources: int) -> None:
             expected, expected_last = plainly(layer, inputs, state)
             assert torch.equal(found, expected)
             assert torch.equal(last, expected_last)
+
+
+def test_what_is_packed_depends_on_the_weights_and_not_on_what_ran_before() -> None:
+    """One weight of a mixed layer is off the grid of the others, so that the order of summation would show."""
+    layer = Layer([Dense(1, 3, generator()), Dense(256, 3, generator())], LIF(threshold=1e9))
+    with torch.no_grad():
+        layer.projections[0].weight.fill_(0.1)
+        layer.projections[1].weight.copy_(2.0**-34 * torch.randint(-127, 128, (3, 256), generator=generator()))
+    inputs, state = [torch.ones(1, 1, 1), spikes(1, 1, 256, 0.6)], torch.zeros(1, 3)
+
+    def run(train: bool) -> Tensor:
+        with torch.set_grad_enabled(train):
+            return layer(inputs, state)[1].detach()
+
+    first, trained, again, retrained = run(False), run(True), run(False), run(True)
+    assert torch.equal(first, again)
+    assert torch.equal(trained, retrained)
+    assert not torch.equal(first, trained)  # else this test shows nothing
+
+
+@pytest.mark.parametrize("kind", [torch.float64, torch.bfloat16])
+def test_the_type_that_torch_takes_by_default_is_none_of_the_kernels_business(kind: torch.dtype) -> None:
+    layer = build((70, (30, 4)), 143, LIF(), recurrent=True)
+    inputs, state = [spikes(50, 2, 70), spikes(50, 2, 30)], torch.zeros(2, 143)
+    expected = layer(inputs, state)[0]
+    share = torch.rand(expected.shape, generator=generator(3))
+    (expected * share).sum().backward()
+    code, values = PopulationUniform(10, 0.0, 1.0), torch.rand(3, 2)
+    window = encode(code, values, 50)
+    numbers = decode(code, window)
+    events.number_tensor.cache_clear()
+    before = torch.get_default_dtype()
+    torch.set_default_dtype(kind)
+    try:
+        fresh = copy.deepcopy(layer)
+        with torch.no_grad():
+            assert torch.equal(fresh(inputs, state)[0], expected)
+            assert torch.equal(fresh(inputs)[0], expected)
+        fresh.zero_grad()
+        (fresh(inputs, state)[0] * share).sum().backward()
+        for found, wanted in zip(fresh.parameters(), layer.parameters(), strict=True):
+            assert torch.equal(found.grad, wanted.grad)
+        assert torch.equal(encode(code, values, 50), window)
+        assert torch.equal(decode(code, window), numbers)
+        assert fresh.at_rest(2).dtype is torch.float32
+    finally:
+        torch.set_default_dtype(before)
+
+
+@torch.no_grad()
+def test_a_window_in_large_pages_is_that_of_its_parts() -> None:
+    layer = build((20,), 3000, LIF(), recurrent=False)
+    inputs, state = spikes(50, 40, 20), torch.zeros(40, 3000)
+    found, last = layer([inputs], state)
+    assert found.nbytes > 2 * kernels.LARGE_BYTES
+    for part in (slice(0, 3), slice(37, 40)):
+        fired, after = layer([inputs[:, part]], state[part])
+        assert torch.equal(found[:, part], fired)
+        assert torch.equal(last[part], after)
+
+
+def test_an_index_is_looked_at_when_something_else_computes_the_weights() -> None:
+    layer = build(((70, 4),), 143, LIF(), recurrent=False)
+    inputs, state = [spikes(9, 2, 70)], torch.zeros(2, 143)
+    prune.random_unstructured(layer.projections[0], "weight", amount=0.5)
+    assert torch.equal(layer(inputs, state)[0], plainly(layer, inputs, state)[0])
+    layer.projections[0].source_index[3, 2] = 2**40
+    with pytest.raises(ValueError, match=r"source_index lies in 0\.\.69, got 1099511627776 at \[3, 2\]"):
+        layer(inputs, state)
 
 
 @torch.no_grad()

@@ -95,7 +95,7 @@ record: [trajectory]
 class Notes(Recorder):
     """Keeps every sample."""
 
-    wants_spikes = 1000
+    most_neurons = 1000
     samples: list[Sample]
 
     def __init__(self, setting: Setting | None = None) -> None:

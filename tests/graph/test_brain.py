@@ -62,7 +62,7 @@ class Listener:
         (value,) = outputs.values()
         self.seen.append((self.tick, use.name, iteration, float(value.flatten()[0])))
 
-    def probe(self, use):  # type: ignore[no-untyped-def]
+    def probe(self, use, *, last):  # type: ignore[no-untyped-def]
         return None
 
     def saturated(self, edge, count):  # type: ignore[no-untyped-def]
@@ -322,6 +322,54 @@ def test_what_a_code_cannot_say_is_counted_for_each_run() -> None:
     )
     brain.tick({"force": torch.tensor([[-1.0], [50.0], [100.0], [101.0]])}, brain.init_state([0] * 4), Counter())
     assert counts == [("a.a", [1, 0, 0, 1]), ("b.a", [0, 0, 1, 1])]
+
+
+def test_what_the_next_iteration_reads_is_not_encoded_after_the_last() -> None:
+    class Counter(Listener):
+        def saturated(self, edge, count):  # type: ignore[no-untyped-def]
+            counted.append(edge.name)
+
+    counted: list[str] = []
+    block = RepeatSpec(
+        3,
+        (
+            StepSpec("a", "narrow", inputs={"a": "body.force then b.sum"}),
+            StepSpec("b", "add", inputs={"a": "a.same"}),
+        ),
+    )
+    brain = brain_of({"narrow": SpikingRelayConfig(hi=50.0), "add": AddConfig()}, [block])
+    brain.tick({"force": torch.tensor([[100.0]])}, brain.init_state([0]), Counter())
+    assert counted == ["a.a", "a.a then", "a.a then"]
+
+
+def test_a_recoding_into_a_wider_range_is_not_asked_whether_it_saturates() -> None:
+    brain = brain_of(
+        {"wide": SpikingRelayConfig(neurons=3), "narrow": SpikingRelayConfig(neurons=7, hi=50.0)},
+        [
+            StepSpec("a", "wide", inputs={"a": "body.force"}),
+            StepSpec("b", "narrow", inputs={"a": "a.same"}),
+            StepSpec("c", "wide", inputs={"a": "b.same"}),
+        ],
+        {"push": "c.same"},
+    )
+    assert {edge.name: edge.can_saturate for edge in brain.plan.edges()} == {
+        "a.a": True,
+        "b.a": True,
+        "c.a": False,
+        "command.push": False,
+    }
+
+
+def test_what_is_returned_may_be_overwritten() -> None:
+    brain = brain_of({"relay": SpikingRelayConfig()}, [StepSpec("x", "relay")], {"push": "x.same"})
+    state = brain.init_state([0])
+    before = brain.tick({}, state)[0]["push"].clone()
+    commands, after = brain.tick({}, state)
+    commands["push"].fill_(7.0)
+    for values in after.buffers.values():
+        for value in values:
+            value.fill_(1.0)
+    assert torch.equal(brain.tick({}, state)[0]["push"], before)
 
 
 def test_a_sensor_is_encoded_only_where_it_is_read() -> None:

@@ -174,7 +174,7 @@ def test_of_a_large_layer_evenly_spaced_neurons_are_shown(tmp_path: Path) -> Non
     recorder = RerunRecorder(setting(tmp_path, [0]))
     spikes = torch.zeros(20, 1, 1000)
     spikes[:, :, 999] = 1.0  # the last one fires always, the others never
-    spiked = {"watch": {"hidden": LayerSpikes.of(spikes, spikes.sum((0, 2)), RerunRecorder.wants_spikes)}}
+    spiked = {"watch": {"hidden": LayerSpikes.of(spikes, spikes.sum((0, 2)), RerunRecorder.most_neurons)}}
     recorder.sample(Sample(0, 0.0, np.array([True]), {}, {}, {}, {}, {}, spiked, [0]))
     path = recorder.finish()
     assert path is not None
@@ -183,6 +183,14 @@ def test_of_a_large_layer_evenly_spaced_neurons_are_shown(tmp_path: Path) -> Non
     assert picture.shape == (64, 20)
     assert picture[0].all() and not picture[1:].any()
     assert scalars(columns["/rates/watch/hidden"]) == [[pytest.approx(0.001)]]
+
+
+def test_of_a_batch_the_first_episode_alone_is_kept() -> None:
+    spikes = (torch.rand(20, 3, 70) < 0.3).float()
+    kept = LayerSpikes.of(spikes, spikes.sum((0, 2)), 64).of_first()
+    assert kept.some.shape == (20, 1, 64)
+    assert kept.some.base is None
+    assert kept.rate.tolist() == pytest.approx([float(spikes[:, 0].mean())])
 
 
 def test_a_recording_that_cannot_be_written_is_the_system_s_error(
