@@ -1,0 +1,113 @@
+"""Times of several things to do, taken in turn in one process, and what they depend on."""
+
+import ctypes
+import gc
+import os
+import platform
+import statistics
+import time
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from neurorobo.engine import engine_path
+
+LEAST_SAMPLE_S = 0.02
+"""What takes less is repeated in one sample."""
+
+
+@dataclass
+class Contestant:
+    """Something to do, ``windows`` of something at once, inside of what ``around`` returns; and its samples."""
+
+    name: str
+    once: Callable[[], object]
+    windows: int = 1
+    around: Callable[[], AbstractContextManager[object]] = nullcontext
+    repeats: int = 1
+    samples_ms: list[float] = field(default_factory=list)
+
+    def warm_up(self) -> None:
+        """Do it until all is in place, and choose how often a sample repeats it."""
+        with self.around():
+            self.once()
+            started = time.perf_counter()
+            self.once()
+            self.repeats = max(1, round(LEAST_SAMPLE_S / (time.perf_counter() - started)))
+
+    def sample(self) -> None:
+        """Take one sample."""
+        with self.around():
+            started = time.perf_counter()
+            for _ in range(self.repeats):
+                self.once()
+            elapsed_s = time.perf_counter() - started
+        self.samples_ms.append(1e3 * elapsed_s / self.repeats / self.windows)
+
+    def times(self) -> dict[str, float]:
+        """Return median, least and largest sample for one window."""
+        found = (statistics.median(self.samples_ms), min(self.samples_ms), max(self.samples_ms))
+        return {f"{name}_ms": shortened(ms) for name, ms in zip(("median", "min", "max"), found, strict=True)}
+
+
+def contest(contestants: Sequence[Contestant], rounds: int) -> None:
+    """Take a sample of each, and again."""
+    for contestant in contestants:
+        contestant.warm_up()
+    gc.collect()
+    gc.freeze()  # what is there stays, and is not gone through again
+    gc.disable()
+    for _ in range(rounds):
+        for contestant in contestants:
+            gc.collect()
+            contestant.sample()
+    gc.enable()
+    gc.unfreeze()
+
+
+def peak_MB(once: Callable[[], object]) -> float | None:
+    """Return how far resident memory rises while something is done, in MB; None if the system does not tell.
+
+    What was freed before is given back to the system first, so that it is counted when it is used again.
+    """
+    gc.collect()
+    try:
+        ctypes.CDLL(None).malloc_trim(0)
+        Path("/proc/self/clear_refs").write_text("5")  # the peak starts from here
+        before_kB = _status_kB("VmRSS")
+        once()
+        return (_status_kB("VmHWM") - before_kB) / 1e3
+    except (OSError, AttributeError):
+        return None
+
+
+def _status_kB(name: str) -> float:
+    lines = Path("/proc/self/status").read_text().splitlines()
+    (kibibytes,) = (line.split()[1] for line in lines if line.startswith(f"{name}:"))
+    return 1.024 * float(kibibytes)
+
+
+def machine() -> dict[str, Any]:
+    """Return what times depend on."""
+    cpuinfo = Path("/proc/cpuinfo")
+    lines = cpuinfo.read_text().splitlines() if cpuinfo.exists() else []
+    models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return {
+        "processor": models[0] if models else platform.processor(),
+        "cores": os.cpu_count(),
+        "instructions": engine_path().instructions,
+        "os": platform.platform(),
+        "python": platform.python_version(),
+        "torch": torch.__version__,
+        "load": round(os.getloadavg()[0], 2),
+        "date": time.strftime("%Y-%m-%d"),
+    }
+
+
+def shortened(number: float) -> float:
+    """Return a number with four significant digits."""
+    return float(f"{number:.4g}")
