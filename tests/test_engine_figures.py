@@ -10,6 +10,7 @@ import chart
 import compare
 import pytest
 import report
+import sweeps
 import timing
 import torch
 from implementations import IMPLEMENTATIONS, Implementation, Native, Portable
@@ -98,12 +99,19 @@ def test_a_readme_without_markers_stays_as_it_is() -> None:
 def test_figures_are_well_formed() -> None:
     rows = [row("Norse", 1.0), row("neurorobo, native", 0.1, threads=2), row(report.DENSE, 0.5)]
     ElementTree.fromstring(report.figure(rows))
+    times = [{"median_ms": ms, "min_ms": ms, "max_ms": ms} for ms in (1.0, 2.0, 4.0)]
+    paths = {"native <&>": {"times": times, "slope": 1.0, "slope_of_larger_half": 1.0}}
+    ElementTree.fromstring(sweeps.figure([{"size": "neurons", "numbers": [10, 20, 40], "paths": paths}]))
 
 
 def test_an_axis_runs_from_power_to_power() -> None:
     axis = chart.Axis.around([0.2, 30.0], 100.0, 400.0)
     assert axis.decades() == [0.1, 1.0, 10.0, 100.0]
     assert [axis.at(number) for number in axis.decades()] == pytest.approx([100.0, 200.0, 300.0, 400.0])
+
+
+def test_a_slope_is_the_exponent() -> None:
+    assert sweeps.slope([1, 2, 4], [3.0, 12.0, 48.0]) == pytest.approx(2.0)
 
 
 def test_a_file_is_read_as_it_was_written(tmp_path: Path) -> None:
