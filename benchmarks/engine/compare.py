@@ -1,8 +1,10 @@
 """The engine beside its peers, all taken in turn in one process.
 
-Run ``python benchmarks/engine/compare.py`` on an otherwise idle machine (about an hour; ``--quick`` only tries whether
-it works). It writes ``latest.json`` and ``speed.svg`` beside itself and the README's table. Peers are compared if they
-are installed, as CONTRIBUTING.md says. Stopped at any time, ``--resume`` goes on.
+Run ``python benchmarks/engine/compare.py`` on an otherwise idle machine (half an hour; ``--quick`` only tries whether
+it works). It writes ``latest.json`` and ``speed.svg`` beside itself, the README's table, and a copy of the figures by
+version into ``benchmarks/history``; it exits with 1 if a wanted ratio is missed, and says which. Peers are compared if
+they are installed, as CONTRIBUTING.md says; without them, nothing is published. Stopped at any time, ``--resume`` goes
+on.
 
 Each network runs with random weights and spikes, and as it is shipped, on the spikes of recorded insertions: single
 windows from rest, 256 at once, and training steps with Adam. Each implementation's output spikes are compared with
@@ -14,7 +16,7 @@ import argparse
 import hashlib
 import itertools
 import json
-import shutil
+import os
 import sys
 from collections.abc import Callable, Sequence
 from importlib.metadata import PackageNotFoundError, version
@@ -24,18 +26,18 @@ from typing import Any
 import torch
 from implementations import IMPLEMENTATIONS, Implementation
 from networks import STEPS, Network, random_networks, run
-from report import DENSE, END, READING, START, block, figure, into_readme
+from report import DENSE, READING, block, figure, into_readme, misses
 from shipped import shipped_networks
-from timing import Contestant, contest, machine, peak_MB
+from timing import LEAST_ROUNDS, Contestant, contest, machine, peak_MB
 from torch import Tensor
 
 import neurorobo
 from neurorobo.engine import engine_path
 
-HERE = Path(__file__).resolve().parent
-ROOT = HERE.parents[1]
-SOURCE = ROOT / "neurorobo" / "engine" / "native.c"
-LATEST = HERE / "latest.json"
+ROOT = Path(__file__).resolve().parents[2]
+LATEST = Path(__file__).with_name("latest.json")
+UNFINISHED = ROOT / "runs" / "engine" / "unfinished.json"
+HISTORY = ROOT / "benchmarks" / "history"
 GROUP = ("network", "inputs", "workload", "threads")
 """What is the same in rows that were taken in turn."""
 
@@ -55,7 +57,7 @@ def installed() -> list[str]:
         except PackageNotFoundError:
             print(f"{name} is left out: it is not installed (CONTRIBUTING.md says how)")
             continue
-        if name == "neurorobo, native" and engine_path().name != "native":
+        if implementation.is_native and engine_path().name != "native":
             print(f"{name} is left out: {engine_path().reason}")
             continue
         found.append(name)
@@ -90,13 +92,17 @@ def measure(
         "output_spikes": int(sum(fired.sum() for fired in expected)),
     }
     contestants, facts = [], []
-    for name in names:
+    for name in (name for name in names if workload in IMPLEMENTATIONS[name].workloads):
         module = IMPLEMENTATIONS[name](network).train(workload == "train")
         with module.around(), torch.inference_mode(workload != "train"):
             differing = sum(int((module(x) != y).sum()) for x, y in zip(windows, expected, strict=True))
         memory_MB = None
         if workload == "train":
-            once, memory_MB = _training(module, windows[0])
+            once = _training(module, windows[0])
+            if not module.compiled:  # the compiler would take more than what it compiles
+                with module.around():
+                    once()
+                    memory_MB = _training_MB(IMPLEMENTATIONS[name](network), windows[0])
         else:
             once = _inference(module, windows)
         contestants.append(Contestant(name, once, len(windows), module.around))
@@ -129,11 +135,8 @@ def _inference(module: Implementation, windows: Sequence[Sequence[Tensor]]) -> C
     return once
 
 
-def _training(module: Implementation, inputs: Sequence[Tensor]) -> tuple[Callable[[], None], float | None]:
-    """Return what takes a training step towards some output rates, and its peak memory above the built model, in MB.
-
-    That is of activations, gradients and Adam's moments; what torch and the libraries set up at the first step is not.
-    """
+def _training(module: Implementation, inputs: Sequence[Tensor]) -> Callable[[], None]:
+    """Return what takes a training step towards some output rates."""
     optimiser = torch.optim.Adam((p for p in module.parameters() if p.requires_grad), lr=1e-6, fused=True)
 
     def once() -> None:
@@ -141,13 +144,18 @@ def _training(module: Implementation, inputs: Sequence[Tensor]) -> tuple[Callabl
         (module(inputs).mean(0) - 0.1).square().mean().backward()
         optimiser.step()
 
-    with module.around():
-        once()
-        optimiser.zero_grad()
-        peak = peak_MB(once)
-    moments = [value for state in optimiser.state.values() for value in state.values() if isinstance(value, Tensor)]
-    moments_MB = sum(value.numel() * value.element_size() for value in moments) / 1e6
-    return once, None if peak is None else round(peak + moments_MB, 1)
+    return once
+
+
+def _training_MB(module: Implementation, inputs: Sequence[Tensor]) -> float | None:
+    """Return the peak memory of the first two training steps above the built module, in MB.
+
+    That is of activations, gradients, Adam's moments and whatever the library keeps. What torch and the library set up
+    once is not, if another module has trained before.
+    """
+    once = _training(module, inputs)
+    peak = peak_MB(lambda: (once(), once()))
+    return None if peak is None else round(peak, 1)
 
 
 def _products(network: Network, rows: int, *, training: bool) -> Callable[[], None]:
@@ -195,81 +203,86 @@ def _version(distribution: str) -> str:
 
 
 def write(found: dict[str, Any], file: Path) -> None:
-    """Write what was found, a row on each line."""
+    """Write what was found, a row on each line; whole, whenever it is stopped."""
     head = json.dumps({key: value for key, value in found.items() if key != "rows"}, indent=1)
     rows = ",\n  ".join(json.dumps(row) for row in found["rows"])
     file.parent.mkdir(parents=True, exist_ok=True)
-    file.write_text(f'{head[:-2]},\n "rows": [\n  {rows}\n ]\n}}\n')
+    draft = file.with_suffix(".tmp")
+    draft.write_text(f'{head[:-2]},\n "rows": [\n  {rows}\n ]\n}}\n')
+    os.replace(draft, file)
 
 
-def keep() -> Path:
-    """Copy the latest figures to the history, and return where."""
-    found = json.loads(LATEST.read_text())
-    file = ROOT / "benchmarks" / "history" / f"engine-{found['engine']['version']}-{found['machine']['date']}.json"
-    file.parent.mkdir(exist_ok=True)
-    shutil.copyfile(LATEST, file)
-    return file
+def publish(found: dict[str, Any]) -> None:
+    """Write the figures, those of this version in the history, the picture, and the README's table."""
+    for file in (LATEST, HISTORY / f"engine-{found['engine']['version']}.json"):
+        write(found, file)
+    LATEST.with_name("speed.svg").write_text(figure(found["rows"]))
+    readme = ROOT / "README.md"
+    readme.write_text(into_readme(readme.read_text(), found))
 
 
 def engine() -> dict[str, str]:
-    """Return what tells one engine from another."""
-    return {"version": neurorobo.__version__, "source": hashlib.sha256(SOURCE.read_bytes()).hexdigest()[:16]}
+    """Return what tells one engine from another: its version, and a hash of all its source."""
+    folder = ROOT / "neurorobo" / "engine"
+    files = sorted([*folder.glob("*.py"), folder / "native.c"])
+    source = hashlib.sha256(b"\0".join(file.read_bytes() for file in files)).hexdigest()
+    return {"version": neurorobo.__version__, "source": source[:16]}
 
 
 def resumed(fresh: dict[str, Any]) -> dict[str, Any]:
-    """Return the figures so far; a SystemExit if they are of another engine or machine."""
-    found: dict[str, Any] = json.loads(LATEST.read_text())
+    """Return the figures so far; a SystemExit if there are none, or if they are of another engine or machine."""
+    if not UNFINISHED.exists():
+        raise SystemExit("there is nothing to resume; measure without --resume")
+    found: dict[str, Any] = json.loads(UNFINISHED.read_text())
     passing = ("date", "load")
     known, now = ({**it["machine"], **it["engine"], **dict.fromkeys(passing)} for it in (found, fresh))
     if known != now:
-        raise SystemExit(f"{LATEST.name} is of another engine or machine; measure without --resume")
+        raise SystemExit(f"{UNFINISHED.name} is of another engine or machine; measure without --resume")
     return found
 
 
 def main() -> int:
-    """Measure, write and print."""
+    """Measure, publish and print; return 1 if a wanted ratio is missed."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--quick", action="store_true", help="small batches into runs/engine; the times mean nothing")
+    parser.add_argument("--quick", action="store_true", help="small networks and batches; publishes nothing")
     parser.add_argument("--resume", action="store_true", help="go on where a run was stopped")
-    parser.add_argument("--keep", action="store_true", help="measure nothing; copy latest.json to benchmarks/history")
-    parser.add_argument("--rounds", type=int, default=9, help="samples of each")
+    parser.add_argument("--rounds", type=int, default=9, help="samples of each; fewer than 5 are not published")
+    parser.add_argument("--threads", type=int, nargs="+", default=[1, 2], help="less than 1 and 2 is not published")
     arguments = parser.parse_args()
-    if arguments.keep:
-        print(keep())
-        return 0
     found: dict[str, Any] = {"engine": engine(), "machine": machine(), "rows": []}
     if (load := found["machine"]["load"]) > 0.5:
         print(f"warning: this machine is busy (load {load:g}); what is measured now means little")
-    out, rounds, names = HERE, arguments.rounds, installed()
-    threads: Sequence[int] = (1, 2)
+    if arguments.resume:
+        found = resumed(found)
+    rounds, threads, names = arguments.rounds, arguments.threads, installed()
+    complete = len(names) == len(IMPLEMENTATIONS) and rounds >= LEAST_ROUNDS and {1, 2} <= {*threads}
     batches = {"b1": 1, "b256": 256, "train": 0}
-    if arguments.quick:
-        out, threads, rounds, batches = ROOT / "runs" / "engine", [1], 1, {"b1": 1, "train": 2}
-        networks = [*random_networks(0.2), *shipped_networks(episodes=1)]
-        names = [name for name in names if not IMPLEMENTATIONS[name].compiled]
-    else:
-        networks = [*random_networks(), *shipped_networks(EPISODES)]
-        if arguments.resume and LATEST.exists():
-            found = resumed(found)
-    done = {tuple(row[key] for key in GROUP) for row in found["rows"]}
     try:
+        if arguments.quick:
+            rounds, threads, complete, batches = 1, [1], False, {"b1": 1, "train": 2}
+            networks = [*random_networks(0.2), *shipped_networks(episodes=1)]
+            names = [name for name in names if not IMPLEMENTATIONS[name].compiled]
+        else:
+            networks = [*random_networks(), *shipped_networks(EPISODES)]
+        done = {tuple(row[key] for key in GROUP) for row in found["rows"]}
         for network in networks:
             for group in itertools.product([network.name], [network.inputs], batches, threads):
                 if group not in done:
                     batch = batches[group[2]] or network.training_batch
                     found["rows"] += measure(network, group[2], batch, group[3], names, rounds)
-                    write(found, out / LATEST.name)
+                    write(found, UNFINISHED)
     except KeyboardInterrupt:
         print("stopped; --resume goes on")
         return 130
-    (out / "speed.svg").write_text(figure(found["rows"]))
     print(block(found))
-    if not arguments.quick:
-        readme = ROOT / "README.md"
-        readme.write_text(into_readme(readme.read_text(), found))
-        if START not in readme.read_text():
-            print(f"README.md shows no table: put '{START}' and '{END}' where it is to stand, then --resume")
-    return 0
+    missed = misses(found["rows"])
+    for miss in missed:
+        print(f"MISSED by {miss}")
+    if not complete:
+        print(f"nothing is published; the figures are in {UNFINISHED}")
+        return 0 if arguments.quick else int(bool(missed))
+    publish(found)
+    return int(bool(missed))
 
 
 if __name__ == "__main__":

@@ -1,114 +1,197 @@
-"""What the README shows of the comparison: its table, and its figure."""
+"""What the comparison comes to: the README's table and figure, and which of the wanted ratios are missed."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from chart import COLOURS, GREY, Axis, dot, grid, legend, line, svg, text
 
 START, END = "<!-- speed: python benchmarks/engine/compare.py -->", "<!-- end of speed -->"
 DENSE, READING = "floor, dense product", "floor, weights read once"
+NATIVE, BF16, PORTABLE = "neurorobo, native", "neurorobo, native, bf16", "neurorobo, portable"
+LOOP, LAYERED = "snnTorch, stepwise", "snnTorch"
 COLUMNS = {
-    "native": ("neurorobo, native",),
-    "portable": ("neurorobo, portable",),
-    "snnTorch": ("snnTorch", "snnTorch, stepwise"),
+    "native": (NATIVE,),
+    "native, bf16": (BF16,),
+    "portable": (PORTABLE,),
+    "snnTorch": (LAYERED, LOOP),
     "snnTorch compiled": ("snnTorch, compiled", "snnTorch, stepwise, compiled"),
     "SpikingJelly": ("SpikingJelly",),
     "Norse": ("Norse",),
     "Sinabs": ("Sinabs",),
-    "dense product": (DENSE,),
-    "weights read": (READING,),
 }
-"""Of each column the implementations, of which it shows the faster one."""
+"""Of each column of the figure the implementations, of which it shows the fastest."""
+
 WORKLOADS = {"b1": "1 window", "b256": "256 windows", "train": "training"}
+
+WANTED: Mapping[tuple[str, str], Mapping[str, float]] = {
+    (NATIVE, "b1"): {"H": 150, "P": 140, "C": 38},
+    (NATIVE, "b256"): {"H": 4, "P": 6, "C": 5},
+    (NATIVE, "train"): {"H": 3.3, "P": 3.4, "C": 4.7},
+    (PORTABLE, "b1"): {"H": 7, "P": 10, "C": 7},
+    (PORTABLE, "b256"): {"H": 1.3, "P": 1.5, "C": 1.4},
+    (PORTABLE, "train"): {"H": 1.7, "P": 1.6, "C": 3},
+}
+"""How many times as fast as snnTorch's loop over the steps, of Linear and Leaky, on one thread."""
+
+WANTED_OF_PEERS = {"b1": 3.0, "b256": 3.0, "train": 1.5}
+"""How many times as fast as the fastest peer the native path is wanted to be, on any number of threads."""
 
 EXPLANATION = """\
 H, P and C are the networks of hippocampus, prefrontal cortex and cerebellum: with random weights and spikes, or as they
-are shipped, on the spikes of recorded insertions. A window has 50 steps; training is one step with Adam. *snnTorch* is
-the faster of two ways to write it, layer by layer and step by step. The last two columns are floors: *dense product* is
-the matrix products of the network and nothing else, *weights read* is reading each weight once."""
+are shipped, on the spikes of recorded insertions. Firing rates are those of inputs, hidden neurons and outputs. A
+window has 50 steps; training is one step with Adam, and *bf16* rounds what goes into its matrix products. *snnTorch* is
+its loop over the steps / the same layer by layer; *fastest peer* is of all, compiled ones included. The ratios are to
+these three; in brackets what is wanted."""
 
 Row = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Group:
+    """The rows that were taken in turn, by implementation."""
+
+    network: str
+    inputs: str
+    workload: str
+    threads: int
+    rows: Mapping[str, Row]
+
+    def ms(self, name: str) -> float | None:
+        """Return the median of an implementation, if it was measured."""
+        return self.rows[name]["median_ms"] if name in self.rows else None
+
+    def fastest(self, names: Sequence[str]) -> Row | None:
+        """Return the row of the fastest of some implementations."""
+        return min((self.rows[name] for name in names if name in self.rows), key=_median, default=None)
+
+    def fastest_peer(self) -> Row | None:
+        """Return the row of the fastest that is neither ours nor a floor."""
+        return self.fastest([name for name in self.rows if not name.startswith(("floor", "neurorobo"))])
+
+    def ratios(self, ours: str) -> list[float | None]:
+        """Return how many times as fast as snnTorch's loop, as its layers, and as the fastest peer one of ours is."""
+        peer, own = self.fastest_peer(), self.ms(ours)
+        others = [self.ms(LOOP), self.ms(LAYERED), None if peer is None else _median(peer)]
+        return [None if own is None or other is None else other / own for other in others]
+
+    def wanted(self, ours: str) -> float | None:
+        """Return the wanted ratio to snnTorch's loop, if there is one."""
+        return WANTED.get((ours, self.workload), {}).get(self.network) if self.threads == 1 else None
+
+
+def groups(rows: Sequence[Row]) -> list[Group]:
+    """Return the rows by what they have in common, in their order."""
+    found: dict[tuple[str, str, str, int], dict[str, Row]] = {}
+    for row in rows:
+        key = (row["network"], row["inputs"], row["workload"], row["threads"])
+        found.setdefault(key, {})[row["implementation"]] = row
+    return [Group(*key, some) for key, some in found.items()]
+
+
+def misses(rows: Sequence[Row]) -> list[str]:
+    """Return in words what is missed of what is wanted."""
+    return [
+        f"{one.network} {one.inputs}, {one.workload}, {one.threads} thread{'s' if one.threads > 1 else ''}: {miss}"
+        for one in groups(rows)
+        for miss in _misses(one)
+    ]
+
+
+def _misses(group: Group) -> Iterator[str]:
+    for ours in (NATIVE, PORTABLE):
+        to_loop, _, to_peer = group.ratios(ours)
+        wanted = group.wanted(ours)
+        if to_loop is not None and wanted is not None and to_loop < wanted:
+            yield f"{ours} is {_short(to_loop)} times as fast as {LOOP}, wanted {wanted:g}"
+        if ours == NATIVE and to_peer is not None and to_peer < (wanted := WANTED_OF_PEERS[group.workload]):
+            yield f"{ours} is {_short(to_peer)} times as fast as {_peer_name(group)}, wanted {wanted:g}"
+    snntorch = [row["memory_MB"] for name in (LOOP, LAYERED) if (row := group.rows.get(name)) and row["memory_MB"]]
+    for ours in (NATIVE, PORTABLE, BF16):
+        row = group.rows.get(ours, {})
+        if snntorch and (row.get("memory_MB") or 0) >= min(snntorch):
+            yield f"{ours} takes {row['memory_MB']:g} MB, wanted less than snnTorch's {min(snntorch):g}"
+        if row.get("differing_spikes"):
+            yield f"{row['differing_spikes']} of the output spikes of {ours} differ from those of the equations"
 
 
 def block(found: Mapping[str, Any]) -> str:
     """Return what stands in the README between the markers."""
     rows: Sequence[Row] = found["rows"]
-    machine = found["machine"]
-    versions = {row["implementation"].split(",")[0]: row["version"] for row in rows if _is_peer(row)}
-    counts = sorted({row["threads"] for row in rows})
-    columns = [column for column in COLUMNS if _has(rows, column)]
-    timed = [column for column in columns if not _is_floor(column)]
-    paragraphs = [
-        _table(rows, "median_ms", columns, counts),
-        f"Milliseconds on {' / '.join(map(str, counts))} thread{'s' if counts[-1] > 1 else ''}: medians, on a machine "
-        f"of {machine['cores']} cores ({machine['processor']}, {machine['instructions'] or 'no native path'}), "
-        f"{machine['date']}, PyTorch {machine['torch']}, "
-        + ", ".join(f"{name} {version}" for name, version in versions.items())
-        + f". {_differences(rows)}",
-        EXPLANATION,
-        _table([row for row in rows if row["workload"] == "train"], "memory_MB", timed, counts[:1]),
-        "Peak memory of the training step above the built model, in MB.",
-        "![The times as dots](benchmarks/engine/speed.svg)",
-    ]
-    return "\n\n".join(paragraphs)
+    machine, engine = found["machine"], found["engine"]
+    versions = {
+        name.split(",")[0]: row["version"] for one in groups(rows) for name, row in one.rows.items() if _is_peer(name)
+    }
+    measured = (
+        f"Median milliseconds on one thread of {machine['cores']} ({machine['processor']}, "
+        f"{machine['instructions'] or 'no native path'}), {machine['date']}, neurorobo {engine['version']} "
+        f"(engine {engine['source']}), "
+        + ", ".join(f"{name} {version}" for name, version in {"PyTorch": machine["torch"], **versions}.items())
+        + f". {_differences(rows)}"
+    )
+    single = [one for one in groups(rows) if one.threads == 1]
+    parts = [_table(single), measured, EXPLANATION, _memory(single), "![The times](benchmarks/engine/speed.svg)"]
+    return "\n\n".join(part for part in parts if part)
 
 
 def into_readme(text: str, found: Mapping[str, Any]) -> str:
-    """Return the README with what stands between the markers replaced; as it is if it has no markers."""
-    if START not in text:
-        return text
-    before, rest = text.split(START)
-    _, after = rest.split(END)
-    return f"{before}{START}\n\n{block(found)}\n\n{END}{after}"
+    """Return the README with what stands between the markers replaced."""
+    return between(text, START, END, block(found))
 
 
-def _table(rows: Sequence[Row], figure: str, columns: Sequence[str], counts: Sequence[int]) -> str:
+def between(text: str, start: str, end: str, words: str) -> str:
+    """Return a text with what stands between two markers replaced."""
+    before, rest = text.split(start)
+    _, after = rest.split(end)
+    return f"{before}{start}\n\n{words}\n\n{end}{after}"
+
+
+def _table(single: Sequence[Group]) -> str:
+    heads = ("network", "weights", "firing rates", "workload", "native", "portable", "snnTorch", "fastest peer")
     lines = [
-        f"| network | weights | firing rate: input, hidden, output | workload | {' | '.join(columns)} |",
-        f"| {' | '.join(['---'] * (4 + len(columns)))} |",
+        f"| {' | '.join(heads)} | native, times as fast | portable, times as fast |",
+        f"| {' | '.join(['---'] * 10)} |",
     ]
-    for (network, inputs, _), some in _groups(rows).items():
-        rate = some[0]["firing_rate"]
-        rates = ", ".join(f"{rate[where]:.2f}" for where in ("input", "hidden", "output"))
-        cells = [_cell(some, figure, column, counts) for column in columns]
-        lines.append(f"| {network} | {inputs} | {rates} | {_named(some[0])} | {' | '.join(cells)} |")
+    for one in single:
+        first = next(iter(one.rows.values()))
+        workload = WORKLOADS[one.workload] + (f", batch {first['batch']}" if one.workload == "train" else "")
+        bf16 = one.ms(BF16)
+        peer = one.fastest_peer()
+        cells = [
+            one.network,
+            one.inputs,
+            ", ".join(f"{first['firing_rate'][where]:.2f}" for where in ("input", "hidden", "output")),
+            workload,
+            _short(one.ms(NATIVE)) + ("" if bf16 is None else f", bf16 {_short(bf16)}"),
+            _short(one.ms(PORTABLE)),
+            f"{_short(one.ms(LOOP))} / {_short(one.ms(LAYERED))}",
+            "-" if peer is None else f"{_short(_median(peer))} ({_peer_name(one)})",
+            *(_ratio_cell(one, ours) for ours in (NATIVE, PORTABLE)),
+        ]
+        lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines)
 
 
-def _cell(rows: Sequence[Row], figure: str, column: str, counts: Sequence[int]) -> str:
-    best = [_best(rows, column, threads) for threads in counts]
-    numbers = [None if row is None else row[figure] for row in best]
-    return " / ".join("-" if number is None else _short(number) for number in numbers)
+def _ratio_cell(group: Group, ours: str) -> str:
+    loop, layered, peer = map(_short, group.ratios(ours))
+    wanted = group.wanted(ours)
+    return f"{loop}{'' if wanted is None else f' ({wanted:g})'} / {layered} / {peer}"
 
 
-def _best(rows: Sequence[Row], column: str, threads: int) -> Row | None:
-    some = [row for row in rows if row["implementation"] in COLUMNS[column] and row["threads"] == threads]
-    return min(some, key=lambda row: float(row["median_ms"]), default=None)
-
-
-def _groups(rows: Sequence[Row]) -> dict[tuple[str, str, str], list[Row]]:
-    groups: dict[tuple[str, str, str], list[Row]] = {}
-    for row in rows:
-        groups.setdefault((row["network"], row["inputs"], row["workload"]), []).append(row)
-    return groups
-
-
-def _has(rows: Sequence[Row], column: str) -> bool:
-    return any(row["implementation"] in COLUMNS[column] for row in rows)
-
-
-def _is_floor(column: str) -> bool:
-    return COLUMNS[column][0].startswith("floor")
-
-
-def _named(row: Row) -> str:
-    """Return the workload in words."""
-    words = WORKLOADS[row["workload"]]
-    return f"{words}, batch {row['batch']}" if row["workload"] == "train" else words
-
-
-def _is_peer(row: Row) -> bool:
-    return not row["implementation"].startswith(("floor", "neurorobo"))
+def _memory(single: Sequence[Group]) -> str:
+    """Say what training steps take."""
+    found = []
+    for one in single:
+        cells = [one.rows[name].get("memory_MB") for name in (NATIVE, PORTABLE, LOOP) if name in one.rows]
+        if any(cells):
+            found.append(f"{one.network} {one.inputs} {' / '.join(map(_short, cells))}")
+    if not found:
+        return ""
+    return (
+        "Peak memory of training above the built model in MB, native / portable / snnTorch's loop: "
+        + ", ".join(found)
+        + "."
+    )
 
 
 def _differences(rows: Sequence[Row]) -> str:
@@ -117,7 +200,7 @@ def _differences(rows: Sequence[Row]) -> str:
     for row in rows:
         if row["differing_spikes"]:
             name = row["implementation"]
-            largest[name] = max(largest.get(name, 0.0), row["differing_spikes"] / row["output_spikes"])
+            largest[name] = max(largest.get(name, 0.0), row["differing_spikes"] / max(1, row["output_spikes"]))
     if not largest:
         return "All give the same spikes."
     return (
@@ -127,37 +210,51 @@ def _differences(rows: Sequence[Row]) -> str:
     )
 
 
-def _short(number: float) -> str:
-    """Return a number with three digits, or all of those before the point."""
+def _median(row: Row) -> float:
+    return float(row["median_ms"])
+
+
+def _peer_name(group: Group) -> str:
+    peer = group.fastest_peer()
+    return "no peer" if peer is None else str(peer["implementation"])
+
+
+def _is_peer(name: str) -> bool:
+    return not name.startswith(("floor", "neurorobo"))
+
+
+def _short(number: float | None) -> str:
+    """Return a number with three digits, or all of those before the point; a dash for none."""
+    if number is None:
+        return "-"
     return f"{number:.0f}" if number >= 100 else f"{number:.3g}"
 
 
 def figure(rows: Sequence[Row]) -> str:
     """Return the picture: a line for each network and workload, a panel for each number of threads."""
-    columns = [column for column in COLUMNS if _has(rows, column) and not _is_floor(column)]
-    groups, counts = _groups(rows), sorted({row["threads"] for row in rows})
+    known = groups(rows)
+    counts = sorted({one.threads for one in known})
+    names = list(dict.fromkeys((one.network, one.inputs, one.workload) for one in known))
+    columns = [column for column, names_of in COLUMNS.items() if any(one.fastest(names_of) for one in known)]
     shown = [row for row in rows if row["implementation"] != READING]
     top, step, left, panel = 60.0, 22.0, 190.0, 380.0
-    bottom = top + step * len(groups)
+    bottom = top + step * len(names)
     parts = legend(left, 20, columns)
     for number, threads in enumerate(counts):
         start = left + (panel + 60) * number
         x = Axis.around((row[key] for row in shown for key in ("min_ms", "max_ms")), start, start + panel)
         parts += grid(x, None, top, bottom)
         parts.append(text(start, top - 12, f"{threads} thread{'s' if threads > 1 else ''}, ms per window or step"))
-        for place, ((network, inputs, _), some) in enumerate(groups.items()):
-            y = top + step * (place + 0.5)
+        for one in (one for one in known if one.threads == threads):
+            y = top + step * (names.index((one.network, one.inputs, one.workload)) + 0.5)
             if number == 0:
-                parts.append(text(left - 10, y + 4, f"{network} {inputs}, {_named(some[0])}", "end"))
-            floor = _best(some, "dense product", threads)
-            if floor is not None:
-                at = x.at(floor["median_ms"])
-                parts.append(line([(at, y - 9), (at, y + 9)], GREY, 2))
+                parts.append(text(left - 10, y + 4, f"{one.network} {one.inputs}, {WORKLOADS[one.workload]}", "end"))
+            if (floor := one.ms(DENSE)) is not None:
+                parts.append(line([(x.at(floor), y - 9), (x.at(floor), y + 9)], GREY, 2))
             for colour, column in zip(COLOURS, columns, strict=False):
-                row = _best(some, column, threads)
-                if row is not None:
+                if (row := one.fastest(COLUMNS[column])) is not None:
                     ends = [(x.at(row[key]), y) for key in ("min_ms", "max_ms")]
                     title = f"{row['implementation']} {row['version']}: {row['median_ms']} ms"
-                    parts += [line(ends, colour, 2), dot(x.at(row["median_ms"]), y, colour, title)]
+                    parts += [line(ends, colour, 2), dot(x.at(_median(row)), y, colour, title)]
     parts.append(text(left, bottom + 36, "dots: medians; lines: least to largest; upright: the dense product alone"))
     return svg(left + max((panel + 60) * len(counts), 120 * len(columns)), bottom + 46, parts)

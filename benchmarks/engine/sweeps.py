@@ -1,8 +1,8 @@
 """How the time of one window of a layer grows with each of its sizes, the others fixed, on both paths of the engine.
 
 Run ``python benchmarks/engine/sweeps.py`` on an otherwise idle machine (minutes; ``--quick`` only tries whether it
-works). It writes ``sweeps.json`` and ``sweeps.svg`` beside itself and prints the slopes: those of the logarithm of the
-time over that of the size, fitted to all sizes and to the larger half, where fixed costs no longer matter.
+works). It writes ``sweeps.json`` and ``sweeps.svg`` beside itself and the slopes into the README: those of the
+logarithm of the time over that of the size, fitted to all sizes and to the larger half, where fixed costs matter less.
 """
 
 import argparse
@@ -18,11 +18,14 @@ import torch
 from chart import COLOURS, Axis, dot, grid, legend, line, svg, text
 from implementations import Implementation, Native, Portable
 from networks import Network, Population
+from report import between
 from timing import Contestant, contest, machine
 
 from neurorobo.engine import engine_path
 
-HERE = Path(__file__).resolve().parent
+ROOT = Path(__file__).resolve().parents[2]
+LATEST = Path(__file__).with_name("sweeps.json")
+START, END = "<!-- slopes: python benchmarks/engine/sweeps.py -->", "<!-- end of slopes -->"
 
 
 @dataclass(frozen=True)
@@ -97,6 +100,25 @@ def slope(numbers: Sequence[float], times_ms: Sequence[float]) -> float:
     return round(float(np.polyfit(np.log(numbers), np.log(times_ms), 1)[0]), 3)
 
 
+def into_readme(text: str, found: Mapping[str, Any]) -> str:
+    """Return the README with its slopes replaced."""
+    sweeps, machine = found["sweeps"], found["machine"]
+    lines = [
+        f"| path | {' | '.join(NAMES[one['size']] for one in sweeps)} |",
+        f"| {' | '.join(['---'] * (1 + len(sweeps)))} |",
+    ]
+    for path in sweeps[0]["paths"]:
+        slopes = [one["paths"][path] for one in sweeps]
+        cells = [f"{it['slope']:.2f} ({it['slope_of_larger_half']:.2f})" for it in slopes]
+        lines.append(f"| {path} | {' | '.join(cells)} |")
+    fixed = ", ".join(f"{found['fixed'][one['size']]:g} {NAMES[one['size']]}" for one in sweeps)
+    about = (
+        f"Fitted to all sizes, in brackets to the larger half; the other sizes are fixed ({fixed}). One thread, "
+        f"{machine['processor']}, {machine['date']}: [the times](benchmarks/engine/sweeps.svg)."
+    )
+    return between(text, START, END, "\n".join(lines) + f"\n\n{about}")
+
+
 def figure(sweeps: Sequence[Mapping[str, Any]]) -> str:
     """Return the picture: a panel for each size, with the slopes of the larger half."""
     paths = list(sweeps[0]["paths"])
@@ -127,24 +149,27 @@ def figure(sweeps: Sequence[Mapping[str, Any]]) -> str:
 def main() -> int:
     """Measure, write and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--quick", action="store_true", help="three sizes into runs/engine; the times mean nothing")
+    parser.add_argument("--quick", action="store_true", help="three sizes each; writes nothing")
     parser.add_argument("--rounds", type=int, default=9, help="samples of each")
     arguments = parser.parse_args()
-    out, rounds = (HERE.parents[1] / "runs" / "engine", 1) if arguments.quick else (HERE, arguments.rounds)
     torch.set_num_threads(1)
     paths = [path for path in PATHS if path != "native" or engine_path().name == "native"]
     if "native" not in paths:
         print(f"native is left out: {engine_path().reason}")
     chosen = {name: numbers[:3] if arguments.quick else numbers for name, numbers in SWEEPS.items()}
+    rounds = 1 if arguments.quick else arguments.rounds
     sweeps = [sweep(name, numbers, paths, rounds) for name, numbers in chosen.items()]
-    fixed = {name: getattr(Sizes(), name) for name in SWEEPS}
-    out.mkdir(parents=True, exist_ok=True)
-    found = {"machine": machine(), "threads": 1, "fixed": fixed, "sweeps": sweeps}
-    (out / "sweeps.json").write_text(json.dumps(found, indent=1) + "\n")
-    (out / "sweeps.svg").write_text(figure(sweeps))
     for one in sweeps:
         slopes = [f"{path} {it['slope']} ({it['slope_of_larger_half']})" for path, it in one["paths"].items()]
         print(f"slope over {NAMES[one['size']]}, of all sizes (the larger half): {', '.join(slopes)}")
+    if arguments.quick:
+        return 0
+    fixed = {name: getattr(Sizes(), name) for name in SWEEPS}
+    found = {"machine": machine(), "threads": 1, "fixed": fixed, "sweeps": sweeps}
+    LATEST.write_text(json.dumps(found, indent=1) + "\n")
+    LATEST.with_suffix(".svg").write_text(figure(sweeps))
+    readme = ROOT / "README.md"
+    readme.write_text(into_readme(readme.read_text(), found))
     return 0
 
 

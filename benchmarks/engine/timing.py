@@ -19,6 +19,9 @@ from neurorobo.engine import engine_path
 LEAST_SAMPLE_S = 0.02
 """What takes less is repeated in one sample."""
 
+LEAST_ROUNDS, ENOUGH_S = 5, 20.0
+"""So many samples are taken of each; after so many seconds, no more."""
+
 
 @dataclass
 class Contestant:
@@ -33,35 +36,41 @@ class Contestant:
 
     def warm_up(self) -> None:
         """Do it until all is in place, and choose how often a sample repeats it."""
-        with self.around():
-            self.once()
-            started = time.perf_counter()
-            self.once()
-            self.repeats = max(1, round(LEAST_SAMPLE_S / (time.perf_counter() - started)))
+        started = time.perf_counter()
+        self._do(1)
+        if time.perf_counter() - started < LEAST_SAMPLE_S:  # it may not have been in place before
+            self.repeats = max(1, round(LEAST_SAMPLE_S / self._do(1)))
 
     def sample(self) -> None:
         """Take one sample."""
-        with self.around():
-            started = time.perf_counter()
-            for _ in range(self.repeats):
-                self.once()
-            elapsed_s = time.perf_counter() - started
-        self.samples_ms.append(1e3 * elapsed_s / self.repeats / self.windows)
+        self.samples_ms.append(1e3 * self._do(self.repeats) / self.repeats / self.windows)
 
     def times(self) -> dict[str, float]:
-        """Return median, least and largest sample for one window."""
+        """Return median, least and largest sample for one window, and how many there are."""
         found = (statistics.median(self.samples_ms), min(self.samples_ms), max(self.samples_ms))
-        return {f"{name}_ms": shortened(ms) for name, ms in zip(("median", "min", "max"), found, strict=True)}
+        times = {f"{name}_ms": shortened(ms) for name, ms in zip(("median", "min", "max"), found, strict=True)}
+        return {**times, "samples": len(self.samples_ms)}
+
+    def _do(self, repeats: int) -> float:
+        """Do it so often and return the seconds that it took."""
+        with self.around():
+            started = time.perf_counter()
+            for _ in range(repeats):
+                self.once()
+            return time.perf_counter() - started
 
 
 def contest(contestants: Sequence[Contestant], rounds: int) -> None:
-    """Take a sample of each, and again."""
+    """Take a sample of each, and again, for so many rounds or until there are enough."""
     for contestant in contestants:
         contestant.warm_up()
     gc.collect()
     gc.freeze()  # what is there stays, and is not gone through again
     gc.disable()
-    for _ in range(rounds):
+    started = time.monotonic()
+    for number in range(rounds):
+        if number >= LEAST_ROUNDS and time.monotonic() - started > ENOUGH_S:
+            break
         for contestant in contestants:
             gc.collect()
             contestant.sample()
