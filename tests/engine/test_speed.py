@@ -1,7 +1,7 @@
-"""The native path is the fastest one, by a margin that noise and the plainest processor leave.
+"""Both paths are so many times as fast as the plain equations that one twice as slow would be noticed.
 
 Only ratios are tested: of the processor's time, not the clock's, in this very process, the least of several samples
-taken in turn. How fast it is, `benchmarks/engine/compare.py` measures.
+taken in turn, so that a busy neighbour changes little. How fast the engine is, `benchmarks/engine/compare.py` measures.
 """
 
 import time
@@ -14,13 +14,14 @@ from implementations import Implementation, Native, Portable
 from networks import Network, random_networks
 from torch import Tensor
 
+from neurorobo.engine import engine_path
 from tests.engine import reference
 from tests.engine.paths import engine, needs_native
 
 pytestmark = needs_native()
 
 NETWORKS = {network.name: network for network in random_networks(0.4)}
-ROUNDS = 5
+ROUNDS = 9
 SAMPLE_S = 0.004
 
 
@@ -76,19 +77,21 @@ def least_times(
 
 
 @pytest.mark.parametrize(
-    ("name", "batch", "once", "portable", "plain"),
+    ("name", "batch", "once", "native", "portable"),
     [
-        pytest.param("H", 1, infer, 4.0, 8.0, id="H-window"),
-        pytest.param("P", 1, infer, 4.0, 8.0, id="P-window"),
-        pytest.param("C", 1, infer, 2.0, 3.0, id="C-window"),
-        pytest.param("H", 32, train, 1.1, 1.3, id="H-training"),
-        pytest.param("P", 16, train, 1.1, 1.3, id="P-training"),
-        pytest.param("C", 8, train, 1.1, 1.3, id="C-training"),
+        pytest.param("H", 1, infer, 22.0, 1.4, id="H-window"),
+        pytest.param("P", 1, infer, 23.0, 1.4, id="P-window"),
+        pytest.param("C", 1, infer, 8.2, 0.9, id="C-window"),
+        pytest.param("H", 32, train, 1.9, 1.0, id="H-training"),
+        pytest.param("P", 16, train, 2.9, 1.0, id="P-training"),
+        pytest.param("C", 8, train, 1.4, 0.7, id="C-training"),
     ],
 )
-def test_the_native_path_is_so_many_times_as_fast_as_the_others(
-    name: str, batch: int, once: Callable[[Implementation, list[Tensor]], None], portable: float, plain: float
+def test_a_path_is_so_many_times_as_fast_as_the_plain_equations(
+    name: str, batch: int, once: Callable[[Implementation, list[Tensor]], None], native: float, portable: float
 ) -> None:
+    """The bounds are a little above half of what is reached with AVX-512, and less for fewer instructions."""
     times = least_times(NETWORKS[name], batch, once)
-    assert times[Portable] > portable * times[Native]
-    assert times[Reference] > plain * times[Native]
+    reached = {"avx512": 1.0, "avx2": 0.85}.get(engine_path().instructions or "", 0.5)
+    assert times[Reference] > reached * native * times[Native]
+    assert times[Reference] > portable * times[Portable]
