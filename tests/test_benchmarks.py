@@ -33,3 +33,18 @@ def test_training_from_scratch_is_held_to_time_and_figures() -> None:
 
     assert misses(59.0, row(29.0)) == []
     assert [miss.split()[0] for miss in misses(61.0, row(32.0, inserted=2))] == ["training", "inserted", "steps"]
+
+
+def test_latency_is_held_to_figures() -> None:
+    figure = runpy.run_path(str(PROJECT / "benchmarks" / "latency" / "control_period.py"))["Figure"]
+    assert not figure("period", 10.0, "ms", most=10).missed
+    assert figure("period", 10.1, "ms", most=10).missed
+    assert not figure("gain", 1.2, "times", least=1.2).missed
+    assert str(figure("gain", 1.1, "times", least=1.2)).endswith("wanted at least 1.2  MISSED")
+
+
+def test_the_time_of_a_period_is_told_apart() -> None:
+    benchmark = runpy.run_path(str(PROJECT / "benchmarks" / "latency" / "control_period.py"))
+    rig = benchmark["Rig"]()
+    assert len(rig.periods_ms([1000], recorded=True)) == len(rig.periods_ms([1000, 1001])) > 20
+    assert 0.0 < rig.share_outside(1000) < 0.9

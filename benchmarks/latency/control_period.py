@@ -1,55 +1,240 @@
-"""The time of one control period of the whole brain, and of a whole run from the command line.
+"""The time of one control period of the whole brain, alone and side by side with others, and of starting up.
 
-Run ``python benchmarks/latency/control_period.py`` (a minute, on an otherwise idle machine). One control period is
-three imagined steps, plan, approach, expectation and action of ``examples/peg_in_hole.yaml``, batch 1, codes and
-command layer included.
+Run ``python benchmarks/latency/control_period.py`` (some minutes, on an otherwise idle machine; ``--quick`` only tries
+whether it works). It writes ``latest.json`` beside itself and a copy by version into ``benchmarks/history``, prints
+what is measured and wanted, and exits with 1 if a figure is missed.
+
+All is of ``examples/peg_in_hole.yaml`` on one thread. A control period is all that the closed loop does between two
+ticks: sensors, three imagined steps, plan, approach, expectation and action with their codes, command layer, and the
+simulated rig. *Scheduler and codes* are the part of it that `Brain.tick` spends outside of `Region.step`; no region of
+this brain encodes or decodes by itself. *Start-up* is from starting the process of ``neurorobo run`` to its first tick.
 """
 
+import argparse
+import json
+import os
+import platform
 import statistics
 import subprocess
 import sys
+import tempfile
 import time
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import asdict, dataclass
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
+from unittest import mock
 
+import numpy as np
 import torch
 
+import neurorobo
 from neurorobo.config.experiment import load_experiment
+from neurorobo.engine import engine_path
 from neurorobo.experiment.build import build_brain, build_task
 from neurorobo.experiment.closed_loop import run_episodes
+from neurorobo.experiment.recorder import Setting
+from neurorobo.plugins import Registry
 
-EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "peg_in_hole.yaml"
-WANTED_PERIOD_MS, WANTED_RUN_S = 50.0, 15.0
+ROOT = Path(__file__).resolve().parents[2]
+EXAMPLE = ROOT / "examples" / "peg_in_hole.yaml"
+LATEST = Path(__file__).with_name("latest.json")
+HISTORY = ROOT / "benchmarks" / "history"
+FIRST_SEED = 1000
+SIDE_BY_SIDE = 256
+
+FIRST_TICK = """
+import os, sys, time
+from neurorobo.cli.main import main
+from neurorobo.graph.brain import Brain
+
+def tick(*_):
+    print(time.monotonic(), flush=True)
+    os._exit(0)
+
+Brain.tick = tick
+sys.argv = ["neurorobo", "run", *sys.argv[1:]]
+main()
+"""
+"""What ``neurorobo run`` does until its first tick, which says when it came."""
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One figure, and the most or the least of it that is wanted."""
+
+    name: str
+    measured: float
+    unit: str
+    most: float | None = None
+    least: float | None = None
+
+    @property
+    def missed(self) -> bool:
+        """Whether it is not as wanted."""
+        return (self.most is not None and self.measured > self.most) or (
+            self.least is not None and self.measured < self.least
+        )
+
+    def __str__(self) -> str:
+        wanted = f"at most {self.most:g}" if self.most is not None else f"at least {self.least:g}"
+        return f"{self.name:44} {self.measured:8.3g} {self.unit:6} wanted {wanted}{'  MISSED' if self.missed else ''}"
+
+
+class Rig:
+    """The example's brain, its task and its recorders, ready to be timed."""
+
+    def __init__(self) -> None:
+        self.experiment = load_experiment(EXAMPLE)
+        self.brain, self.task = build_brain(self.experiment), build_task(self.experiment)
+        self.recorders = [Registry.discover().get("recorder", name) for name in self.experiment.record]
+
+    def periods_ms(self, seeds: Sequence[int], *, recorded: bool = False) -> list[float]:
+        """Return the times of the control periods of insertions side by side, from tick to tick."""
+        moments: list[float] = []
+        setting = Setting(Path(), self.experiment.name, self.brain.plan, seeds, self.task)
+        run_episodes(
+            self.brain,
+            self.task,
+            seeds,
+            recorders=[recorder(setting) for recorder in self.recorders] if recorded else (),
+            progress=lambda tick, running: moments.append(time.perf_counter()),
+        )
+        return [1e3 * (after - before) for before, after in pairwise(moments)]
+
+    def share_outside(self, seed: int) -> float:
+        """Return which share of a mean control period `Brain.tick` spends outside of `Region.step`."""
+        regions = [self.brain.region(name) for name in self.brain.names]
+        spent_s = {"tick": 0.0, "step": 0.0}
+
+        def timed(name: str, function: Callable[..., Any]) -> Callable[..., Any]:
+            def run(*arguments: Any) -> Any:
+                started = time.perf_counter()
+                result = function(*arguments)
+                spent_s[name] += time.perf_counter() - started
+                return result
+
+            return run
+
+        with ExitStack() as stack:
+            stack.enter_context(mock.patch.object(self.brain, "tick", timed("tick", self.brain.tick)))
+            for region in regions:
+                stack.enter_context(mock.patch.object(region, "step", timed("step", region.step)))
+            periods_ms = self.periods_ms([seed])
+        ticks = len(periods_ms) + 1  # the last one is followed by none
+        return 1e3 * (spent_s["tick"] - spent_s["step"]) / ticks / statistics.mean(periods_ms)
+
+
+def alone(rig: Rig, episodes: int) -> list[Figure]:
+    """Return the figures of one insertion at a time: plain, recorded, and timed inside, by turns."""
+    periods_ms: dict[bool, list[float]] = {False: [], True: []}
+    shares = []
+    rig.periods_ms([FIRST_SEED])  # warms up
+    for seed in range(FIRST_SEED, FIRST_SEED + episodes):
+        for recorded, found in periods_ms.items():
+            found += rig.periods_ms([seed], recorded=recorded)
+        shares.append(rig.share_outside(seed))
+    plain, recorded_ms = (statistics.median(found) for found in periods_ms.values())
+    worst_ms = float(np.percentile(periods_ms[False], 99))
+    return [
+        Figure(f"control period, median of {len(periods_ms[False])}", plain, "ms", most=10),
+        Figure("its 99th percentile over its median", worst_ms / plain, "times", most=1.5),
+        Figure("scheduler and codes, of the period", 100 * statistics.median(shares), "%", most=10),
+        Figure("a period with recording, longer by", 100 * (recorded_ms / plain - 1), "%", most=5),
+    ]
+
+
+def side_by_side(rig: Rig, runs: int) -> dict[str, float]:
+    """Return periods per second of one insertion at a time, and of so many side by side, counted for each of them."""
+    seeds = range(FIRST_SEED, FIRST_SEED + runs)
+    single_ms = [ms for seed in seeds[:5] for ms in rig.periods_ms([seed])]
+    many_ms = rig.periods_ms(seeds)
+    single_ms += [ms for seed in seeds[:5] for ms in rig.periods_ms([seed])]  # before and after, if the machine drifts
+    return {"alone": 1e3 / statistics.mean(single_ms), "side_by_side": 1e3 * runs / statistics.mean(many_ms)}
+
+
+def of_path(path: str, runs: int) -> dict[str, float]:
+    """Return what :func:`side_by_side` does on a path of the engine, in a process of its own."""
+    command = [sys.executable, __file__, "--side-by-side", str(runs)]
+    done = subprocess.run(
+        command, check=True, stdout=subprocess.PIPE, env={**os.environ, "NEUROROBO_ENGINE": path}, text=True
+    )
+    found: dict[str, float] = json.loads(done.stdout)
+    return found
+
+
+def start_up_s() -> float:
+    """Return the seconds from starting the process of a run to its first tick."""
+    with tempfile.TemporaryDirectory() as folder:
+        command = [sys.executable, "-c", FIRST_TICK, str(EXAMPLE), "--out", f"{folder}/run"]
+        started = time.monotonic()  # the same clock in all processes
+        done = subprocess.run(command, check=True, capture_output=True, text=True)
+    return float(done.stdout) - started
+
+
+def machine() -> dict[str, Any]:
+    """Return what the times depend on."""
+    cpuinfo = Path("/proc/cpuinfo")
+    lines = cpuinfo.read_text().splitlines() if cpuinfo.exists() else []
+    models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return {
+        "processor": models[0] if models else platform.processor(),
+        "cores": os.cpu_count(),
+        "engine": asdict(engine_path()),
+        "os": platform.platform(),
+        "python": platform.python_version(),
+        "torch": torch.__version__,
+        "load": round(os.getloadavg()[0], 2),
+        "date": time.strftime("%Y-%m-%d"),
+    }
+
+
+def table(figures: Sequence[Figure], paths: Mapping[str, Mapping[str, float]]) -> str:
+    """Return what is printed."""
+    lines = [str(figure) for figure in figures]
+    for path, rates in paths.items():
+        lines.append(f"{path}: {rates['alone']:.0f} periods/s alone, {rates['side_by_side']:.0f} side by side")
+    return "\n".join(lines)
 
 
 def main() -> int:
-    """Measure and print; return 1 if a wanted figure is missed."""
-    experiment = load_experiment(EXAMPLE)
-    brain, task = build_brain(experiment), build_task(experiment)
-    median_ms = 0.0
-    moments: list[float] = []
-    for threads in (1, 2):
-        torch.set_num_threads(threads)
-        for seed in (1000, 1001):  # the first one warms up
-            moments.clear()
-            run_episodes(brain, task, [seed], progress=lambda tick, running: moments.append(time.perf_counter()))
-        periods_ms = [1e3 * (after - before) for before, after in pairwise(moments)]
-        median_ms, worst_ms = statistics.median(periods_ms), max(periods_ms)
-        print(
-            f"control period  {threads} thread{'s' if threads > 1 else ''}: median {median_ms:.1f} ms, "
-            f"largest {worst_ms:.1f} ms of {len(periods_ms)} (wanted {WANTED_PERIOD_MS:g} on 2 cores)"
-        )
-
-    started = time.perf_counter()
-    folder = Path("runs") / "latency" / time.strftime("%Y%m%d-%H%M%S")
-    command = [str(Path(sys.executable).with_name("neurorobo")), "run", str(EXAMPLE), "--out", str(folder)]
-    subprocess.run(command, check=True, capture_output=True)
-    run_s = time.perf_counter() - started
-    print(
-        f"one episode     {run_s:.1f} s from the command line, start-up and recording included "
-        f"(wanted {WANTED_RUN_S:g})"
-    )
-    return int(median_ms > WANTED_PERIOD_MS or run_s > WANTED_RUN_S)
+    """Measure, write and print; return 1 if a wanted figure is missed."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--quick", action="store_true", help="few periods; writes nothing, and the times mean nothing")
+    parser.add_argument("--side-by-side", type=int, metavar="RUNS", help="measure and print only this, as JSON")
+    arguments = parser.parse_args()
+    torch.set_num_threads(1)
+    if arguments.side_by_side:
+        print(json.dumps(side_by_side(Rig(), arguments.side_by_side)))
+        return 0
+    episodes, runs, starts = (1, 2, 1) if arguments.quick else (20, SIDE_BY_SIDE, 5)
+    about = machine()
+    figures = alone(Rig(), episodes)
+    paths = {}
+    for path, wanted in (("native", 1.2), ("portable", 1.7)):
+        if path == "native" and about["engine"]["name"] != "native":
+            print(f"native is left out: {about['engine']['reason']}")
+            continue
+        paths[path] = of_path(path, runs)
+        gain = paths[path]["side_by_side"] / paths[path]["alone"]
+        figures.append(Figure(f"{path}: periods/s of {runs} side by side to alone", gain, "times", least=wanted))
+    start_s = statistics.median(start_up_s() for _ in range(starts))
+    figures.append(Figure(f"start-up to the first period, median of {starts}", start_s, "s", most=4))
+    print(table(figures, paths))
+    if arguments.quick:
+        return 0
+    found = {
+        "version": neurorobo.__version__,
+        "machine": about,
+        "figures": [{**asdict(figure), "missed": figure.missed} for figure in figures],
+        "periods_per_s": paths,
+    }
+    HISTORY.mkdir(exist_ok=True)
+    for file in (LATEST, HISTORY / f"latency-{neurorobo.__version__}.json"):
+        file.write_text(json.dumps(found, indent=2) + "\n")
+    return int(any(figure.missed for figure in figures))
 
 
 if __name__ == "__main__":
