@@ -109,13 +109,13 @@ def test_what_is_missed_is_told() -> None:
     slower = {**ours, "median_ms": 11.0, "differing_spikes": 1}
     assert [miss.removeprefix("H random, train, 1 thread: ") for miss in report.misses([slower, *peers])] == [
         "neurorobo, native is 3 times as fast as snnTorch, stepwise, wanted 3.3",
-        "neurorobo, native is 1.36 times as fast as Norse, wanted 1.5",
+        "neurorobo, native is 1.364 times as fast as Norse, wanted 1.5",
         "neurorobo, native takes 3 MB, wanted less than snnTorch's 3",
         "1 of the output spikes of neurorobo, native differ from those of the equations",
     ]
     two = [{**one, "threads": 2} for one in ({**ours, "median_ms": 11.0, "memory_MB": 2.0}, *peers)]
     assert [miss.split(": ")[1] for miss in report.misses(two)] == [
-        "neurorobo, native is 1.36 times as fast as Norse, wanted 1.5"
+        "neurorobo, native is 1.364 times as fast as Norse, wanted 1.5"
     ]
 
 

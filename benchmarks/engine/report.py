@@ -103,9 +103,9 @@ def _misses(group: Group) -> Iterator[str]:
         to_loop, _, to_peer = group.ratios(ours)
         wanted = group.wanted(ours)
         if to_loop is not None and wanted is not None and to_loop < wanted:
-            yield f"{ours} is {_short(to_loop)} times as fast as {LOOP}, wanted {wanted:g}"
+            yield f"{ours} is {to_loop:.4g} times as fast as {LOOP}, wanted {wanted:g}"
         if ours == NATIVE and to_peer is not None and to_peer < (wanted := WANTED_OF_PEERS[group.workload]):
-            yield f"{ours} is {_short(to_peer)} times as fast as {_peer_name(group)}, wanted {wanted:g}"
+            yield f"{ours} is {to_peer:.4g} times as fast as {_peer_name(group)}, wanted {wanted:g}"
     snntorch = [row["memory_MB"] for name in (LOOP, LAYERED) if (row := group.rows.get(name)) and row["memory_MB"]]
     for ours in (NATIVE, PORTABLE, BF16):
         row = group.rows.get(ours, {})
