@@ -1,6 +1,6 @@
 """The time of one control period of the whole brain, alone and side by side with others, and of starting up.
 
-Run ``python benchmarks/latency/control_period.py`` (some minutes, on an otherwise idle machine; ``--quick`` only tries
+Run ``python benchmarks/latency/control_period.py`` (two minutes, on an otherwise idle machine; ``--quick`` only tries
 whether it works). It writes ``latest.json`` beside itself and a copy by version into ``benchmarks/history``, prints
 what is measured and wanted, and exits with 1 if a figure is missed.
 
@@ -19,7 +19,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack
 from dataclasses import asdict, dataclass
 from itertools import pairwise
@@ -43,7 +43,8 @@ EXAMPLE = ROOT / "examples" / "peg_in_hole.yaml"
 LATEST = Path(__file__).with_name("latest.json")
 HISTORY = ROOT / "benchmarks" / "history"
 FIRST_SEED = 1000
-SIDE_BY_SIDE = 256
+SIDE_BY_SIDE, FIRST_PERIODS = 256, 10
+"""How many insertions are run side by side, and for how many periods: all of them would take long."""
 
 FIRST_TICK = """
 import os, sys, time
@@ -91,14 +92,15 @@ class Rig:
         self.brain, self.task = build_brain(self.experiment), build_task(self.experiment)
         self.recorders = [Registry.discover().get("recorder", name) for name in self.experiment.record]
 
-    def periods_ms(self, seeds: Sequence[int], *, recorded: bool = False) -> list[float]:
-        """Return the times of the control periods of insertions side by side, from tick to tick."""
+    def periods_ms(self, seeds: Sequence[int], *, recorded: bool = False, periods: int | None = None) -> list[float]:
+        """Return the times of all, or the first, control periods of insertions side by side, from tick to tick."""
         moments: list[float] = []
         setting = Setting(Path(), self.experiment.name, self.brain.plan, seeds, self.task)
         run_episodes(
             self.brain,
             self.task,
             seeds,
+            duration_ns=None if periods is None else (periods + 1) * self.brain.plan.clock.tick_ns,
             recorders=[recorder(setting) for recorder in self.recorders] if recorded else (),
             progress=lambda tick, running: moments.append(time.perf_counter()),
         )
@@ -149,10 +151,15 @@ def alone(rig: Rig, episodes: int) -> list[Figure]:
 def side_by_side(rig: Rig, runs: int) -> dict[str, float]:
     """Return periods per second of one insertion at a time, and of so many side by side, counted for each of them."""
     seeds = range(FIRST_SEED, FIRST_SEED + runs)
-    single_ms = [ms for seed in seeds[:5] for ms in rig.periods_ms([seed])]
-    many_ms = rig.periods_ms(seeds)
-    single_ms += [ms for seed in seeds[:5] for ms in rig.periods_ms([seed])]  # before and after, if the machine drifts
-    return {"alone": 1e3 / statistics.mean(single_ms), "side_by_side": 1e3 * runs / statistics.mean(many_ms)}
+
+    def alone_ms() -> list[float]:
+        return [ms for seed in seeds[:5] for ms in rig.periods_ms([seed], periods=FIRST_PERIODS)]
+
+    alone_ms()  # warms up
+    before_ms = alone_ms()
+    many_ms = rig.periods_ms(seeds, periods=FIRST_PERIODS)
+    single_ms = statistics.median(before_ms + alone_ms())  # before and after, if the machine drifts
+    return {"alone": 1e3 / single_ms, "side_by_side": 1e3 * runs / statistics.median(many_ms)}
 
 
 def of_path(path: str, runs: int) -> dict[str, float]:
@@ -191,12 +198,18 @@ def machine() -> dict[str, Any]:
     }
 
 
-def table(figures: Sequence[Figure], paths: Mapping[str, Mapping[str, float]]) -> str:
-    """Return what is printed."""
-    lines = [str(figure) for figure in figures]
-    for path, rates in paths.items():
-        lines.append(f"{path}: {rates['alone']:.0f} periods/s alone, {rates['side_by_side']:.0f} side by side")
-    return "\n".join(lines)
+def measured(episodes: int, runs: int, starts: int, rates: dict[str, dict[str, float]]) -> Iterator[Figure]:
+    """Yield all figures; ``rates`` gets the periods per second of each path."""
+    yield from alone(Rig(), episodes)
+    for path, wanted in (("native", 1.2), ("portable", 1.7)):
+        if path == "native" and engine_path().name != "native":
+            print(f"native is left out: {engine_path().reason}")
+            continue
+        rates[path] = found = of_path(path, runs)
+        gain = found["side_by_side"] / found["alone"]
+        yield Figure(f"{path}: periods/s of {runs} side by side to alone", gain, "times", least=wanted)
+    start_s = statistics.median(start_up_s() for _ in range(starts))
+    yield Figure(f"start-up to the first period, median of {starts}", start_s, "s", most=4)
 
 
 def main() -> int:
@@ -209,31 +222,24 @@ def main() -> int:
     if arguments.side_by_side:
         print(json.dumps(side_by_side(Rig(), arguments.side_by_side)))
         return 0
-    episodes, runs, starts = (1, 2, 1) if arguments.quick else (20, SIDE_BY_SIDE, 5)
-    about = machine()
-    figures = alone(Rig(), episodes)
-    paths = {}
-    for path, wanted in (("native", 1.2), ("portable", 1.7)):
-        if path == "native" and about["engine"]["name"] != "native":
-            print(f"native is left out: {about['engine']['reason']}")
-            continue
-        paths[path] = of_path(path, runs)
-        gain = paths[path]["side_by_side"] / paths[path]["alone"]
-        figures.append(Figure(f"{path}: periods/s of {runs} side by side to alone", gain, "times", least=wanted))
-    start_s = statistics.median(start_up_s() for _ in range(starts))
-    figures.append(Figure(f"start-up to the first period, median of {starts}", start_s, "s", most=4))
-    print(table(figures, paths))
+    about, figures = machine(), []
+    rates: dict[str, dict[str, float]] = {}
+    for figure in measured(*((1, 2, 1) if arguments.quick else (20, SIDE_BY_SIDE, 5)), rates):
+        print(figure, flush=True)
+        figures.append(figure)
+    for path, found in rates.items():
+        print(f"{path}: {found['alone']:.0f} periods/s alone, {found['side_by_side']:.0f} side by side")
     if arguments.quick:
         return 0
-    found = {
+    content = {
         "version": neurorobo.__version__,
         "machine": about,
         "figures": [{**asdict(figure), "missed": figure.missed} for figure in figures],
-        "periods_per_s": paths,
+        "periods_per_s": rates,
     }
     HISTORY.mkdir(exist_ok=True)
     for file in (LATEST, HISTORY / f"latency-{neurorobo.__version__}.json"):
-        file.write_text(json.dumps(found, indent=2) + "\n")
+        file.write_text(json.dumps(content, indent=2) + "\n")
     return int(any(figure.missed for figure in figures))
 
 
