@@ -54,7 +54,7 @@ def shipped_networks(episodes: int) -> list[Network]:
 class _Heard:
     """Keeps the spikes that reach each region, of the episodes that are running, by its ports."""
 
-    wants_spikes = False
+    most_neurons = 0
 
     def __init__(self, plan: Plan) -> None:
         self.spikes: dict[str, dict[str, list[Tensor]]] = {}
