@@ -93,13 +93,12 @@ class Brain(nn.Module):
         self.names = tuple(regions)
         # torch refuses the names of a module's own attributes, such as `train`
         self.regions = nn.ModuleDict({_PREFIX + name: region for name, region in regions.items()})
+        self._regions = dict(regions)  # the same, found in less time
         self._initial_values: dict[tuple[Port, int], Tensor] = {}
 
     def region(self, name: str) -> Region:
         """Return a region by name."""
-        region = self.regions[_PREFIX + name]
-        assert isinstance(region, Region)
-        return region
+        return self._regions[name]
 
     def init_state(self, seeds: Sequence[int]) -> BrainState:
         """Return the state at the start of independent runs, one for each seed; it starts the run's own generator.
@@ -243,6 +242,7 @@ class _Moment:
 
     def push(self, source: str, outputs: Mapping[str, Tensor], *, first: bool = True, last: bool = True) -> None:
         """Put new values of a source into its edges; ``first`` and ``last`` tell the iteration of its repeat."""
+        decoded: dict[str, Tensor] = {}  # once for all edges that read an output
         for edge in self.brain.plan.outgoing.get(source, ()):
             if source == BODY and not edge.reads_sensor_at(self.state.tick):
                 continue
@@ -254,12 +254,14 @@ class _Moment:
             if edge.output not in outputs:
                 raise NeuroroboError(f"`{source}` did not give `{edge.output}`, which `{edge.reader}` reads")
             value = outputs[edge.output]
-            if edge.reduction == "newest":
-                if edge.conversion:
-                    value = self.converted(edge, value, edge.source_port.code, edge.reader_port.code)
-            else:
-                numbers = self.converted(edge, value, edge.source_port.code, None)
-                value = torch.cat([numbers, torch.ones(self.state.batch, 1)], dim=1)
+            if edge.conversion or edge.reduction != "newest":
+                numbers = decoded.get(edge.output)
+                if numbers is None:
+                    numbers = decoded[edge.output] = to_numbers(value, edge.source_port.code)
+                if edge.reduction == "newest":
+                    value = self.encoded(edge, numbers, edge.source_port.code)
+                else:
+                    value = torch.cat([numbers, torch.ones(self.state.batch, 1)], dim=1)
             self.buffers[edge.name] = (*self.buffers[edge.name][1:], value)
 
     def read(self, edge: Edge) -> Tensor:
@@ -272,13 +274,11 @@ class _Moment:
         if edge.reduction == "mean":
             total = total / count.clamp(min=1)
         start = initial_value(replace(edge.reader_port, code=None), self.state.batch, self.steps, self.generators)
-        return self.converted(edge, torch.where(count > 0, total, start), None, edge.reader_port.code)
+        return self.encoded(edge, torch.where(count > 0, total, start), None)
 
-    def converted(self, edge: Edge, value: Tensor, source: Code | None, target: Code | None) -> Tensor:
-        """Convert a value on its way along an edge, and tell the observer what saturates."""
-        if source == target:
-            return value
-        numbers = to_numbers(value, source)
+    def encoded(self, edge: Edge, numbers: Tensor, source: Code | None) -> Tensor:
+        """Bring numbers, perhaps decoded from ``source``, to what is read; tell the observer what saturates."""
+        target = edge.reader_port.code
         if self.observer is not None and target is not None and edge.can_saturate and target.may_saturate(numbers):
             # A decoded value may leave its own code's range by a rounding, and that does not count.
             inside = numbers if source is None else numbers.clamp(source.lo, source.hi)
