@@ -17,6 +17,7 @@ from networks import Network, random_networks, run
 from shipped import shipped_networks
 
 from neurorobo.engine import kernels
+from tests.engine.paths import INSTALLED
 
 PROJECT = Path(__file__).parents[1]
 README = (PROJECT / "README.md").read_text()
@@ -306,6 +307,7 @@ def test_differences_are_counted(monkeypatch: pytest.MonkeyPatch) -> None:
     assert found["differing_spikes"] == found["output_spikes"] > 0
 
 
+@INSTALLED
 def test_memory_is_that_of_the_peak() -> None:
     def once() -> None:
         torch.ones(10_000_000).add_(1)  # given back at the end

@@ -25,6 +25,12 @@ def engine(path: str, instructions: str = "") -> Iterator[None]:
             native._choose.cache_clear()
 
 
+INSTALLED = pytest.mark.skipif(
+    native.LIBRARIES_VARIABLE in os.environ, reason="libraries built with other flags take their own time and memory"
+)
+"""For tests of the time or the memory that the installed libraries take."""
+
+
 def missing() -> str | None:
     """Return why the native path cannot be tested here."""
     with engine(""):

@@ -16,9 +16,9 @@ from torch import Tensor
 
 from neurorobo.engine import engine_path
 from tests.engine import reference
-from tests.engine.paths import engine, needs_native
+from tests.engine.paths import INSTALLED, engine, needs_native
 
-pytestmark = needs_native()
+pytestmark = [needs_native(), INSTALLED]
 
 NETWORKS = {network.name: network for network in random_networks(0.4)}
 ROUNDS = 9
