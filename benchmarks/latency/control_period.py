@@ -1,6 +1,6 @@
 """The time of one control period of the whole brain, alone and side by side with others, and of starting up.
 
-Run ``python benchmarks/latency/control_period.py`` (two minutes, on an otherwise idle machine; ``--quick`` only tries
+Run ``python benchmarks/latency/control_period.py`` (four minutes, on an otherwise idle machine; ``--quick`` only tries
 whether it works). It writes ``latest.json`` beside itself and a copy by version into ``benchmarks/history``, prints
 what is measured and wanted, and exits with 1 if a figure is missed.
 
