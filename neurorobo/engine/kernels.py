@@ -215,6 +215,8 @@ class Kernels:
         self._use_large_pages.argtypes = (_Pointer, _Integer)
         for function in (self._scan_back, self._decode, self._use_large_pages):
             function.restype = None
+        if openmp := _openmp():
+            library.neurorobo_use_openmp(openmp)
 
     def empty(self, shape: Sequence[int]) -> Tensor:
         """Return a tensor to be written; large ones, such as spikes of large batches, in large pages."""
@@ -439,6 +441,14 @@ def not_finite(weight: Tensor, place: list[int]) -> str:
 
 
 _bound = cache(Kernels)
+
+
+def _openmp() -> ctypes.c_void_p | None:
+    """Return the entry of the OpenMP library that torch has loaded, if it has one that looks like GNU's."""
+    try:
+        return ctypes.cast(ctypes.CDLL(torch._C.__file__).GOMP_parallel, ctypes.c_void_p)
+    except (OSError, AttributeError):
+        return None
 
 
 def _threads(work: int) -> int:

@@ -63,7 +63,7 @@ typedef struct {
     work *run;
     const void *arguments;
     int64_t items;
-    atomic_llong next;
+    atomic_llong next, there; /* the next item, and how many workers there are */
 } queue;
 
 typedef struct {
@@ -83,12 +83,34 @@ static int64_t workers(int64_t threads, int64_t items) {
     return threads < 1 ? 1 : least(least(threads, MOST_THREADS), items < 1 ? 1 : items);
 }
 
-/* Threads live as long as the call: waiting costs no processor time, and a thread that cannot start is not missed. */
+typedef void parallel(void (*run)(void *), void *argument, unsigned threads, unsigned flags);
+
+static _Atomic(parallel *) of_openmp;
+
+static void not_in_a_child(void) { of_openmp = NULL; }
+
+/* Use the threads of an OpenMP library, given its GOMP_parallel: those that torch has its own work done by. Threads
+ * beside them would wait for a processor while torch's look out for more to do. They do not outlive a fork. */
+void neurorobo_use_openmp(parallel *of_torch) {
+    if (!of_openmp && pthread_atfork(NULL, NULL, not_in_a_child) == 0) of_openmp = of_torch;
+}
+
+static void serve_together(void *argument) {
+    queue *queue = argument;
+    serve(&(worker){queue, atomic_fetch_add(&queue->there, 1)});
+}
+
+/* Without them, threads live as long as the call, and one that cannot start is not missed. */
 static void share(work *run, const void *arguments, int64_t items, int64_t threads) {
-    queue queue = {run, arguments, items, 0};
+    queue queue = {.run = run, .arguments = arguments, .items = items};
     worker crew[MOST_THREADS];
     pthread_t started[MOST_THREADS];
     int64_t count = 1, wanted = workers(threads, items);
+    parallel *together = of_openmp;
+    if (wanted > 1 && together) {
+        together(serve_together, &queue, (unsigned)wanted, 0);
+        return;
+    }
     crew[0] = (worker){&queue, 0};
     for (; count < wanted; count++) {
         crew[count] = (worker){&queue, count};
