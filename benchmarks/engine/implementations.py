@@ -17,7 +17,8 @@ import torch
 from networks import Network, Population
 from torch import Tensor, nn
 
-from neurorobo.engine import Layer
+from neurorobo.engine import Circuit, Layer
+from neurorobo.engine.circuit import Reads
 from neurorobo.neurons import LIF, Surrogate
 from neurorobo.synapses import Dense, FanIn
 
@@ -53,8 +54,10 @@ class Native(Implementation):
     def __init__(self, network: Network) -> None:
         super().__init__(network)
         generator = torch.Generator().manual_seed(0)
-        self.layers = nn.ModuleList()
-        for population in network.populations:
+        inputs = [f"input {number}" for number in range(len(network.sizes))]
+        names = [*inputs, *(f"population {number}" for number in range(len(network.populations)))]
+        layers: dict[str, tuple[Layer, Sequence[Reads]]] = {}
+        for name, population in zip(names[len(inputs) :], network.populations, strict=True):
             neurons, sources = population.neurons, network.sources(population)
             projections: list[Dense | FanIn] = []
             if population.index is None:
@@ -81,16 +84,16 @@ class Native(Implementation):
             layer = Layer(projections, neuron, own, trainable_threshold=several)
             if layer.threshold is not None:
                 layer.threshold.requires_grad_(False).copy_(torch.as_tensor(population.threshold))
-            self.layers.append(layer)
+            read = [names[number] for number in population.reads]
+            layers[name] = (layer, read if population.index is None else [read])
+        self.layers = nn.ModuleList(layer for layer, _ in layers.values())
+        self.circuit = Circuit(inputs, layers)
+        self.output = names[-1:]
 
     def forward(self, inputs: Sequence[Tensor]) -> Tensor:
         """Run one window."""
-        known = list(inputs)
-        for population, layer in zip(self.populations, self.layers, strict=True):
-            assert isinstance(layer, Layer)
-            fired, _ = layer([known[read] for read in population.reads], layer.at_rest(inputs[0].shape[1]))
-            known.append(fired)
-        return known[-1]
+        spikes, _ = self.circuit(dict(zip(self.circuit.inputs, inputs, strict=True)), wanted=self.output)
+        return spikes[self.output[0]]
 
 
 class NativeBf16(Native):

@@ -13,90 +13,21 @@ from typing import NamedTuple
 import torch
 from torch import Tensor
 
+from neurorobo.engine import structures
 from neurorobo.engine.native import library
+from neurorobo.engine.structures import Integer, Pointer
 from neurorobo.neurons import LIF
-
-_Integer = ctypes.c_int64
-_Pointer = ctypes.c_void_p
 
 SHAPES = {"rectangular": 0, "triangular": 1, "arctan": 2, "fast_sigmoid": 3}
 
 LARGE_BYTES = 2**23
 """From what size on memory asks for large pages; what is smaller, the allocator hands out again as it is."""
 
+TOO_DENSE = 5
+"""What a circuit ends with if neurons fire so often that a matrix product is faster."""
+
 WORK_FOR_THREADS = 4_000_000
 """Additions of one weight below which a window stays on one thread: they take about as long as starting another."""
-
-
-class _Projection(ctypes.Structure):
-    _fields_ = (
-        ("sources", _Integer),
-        ("words", _Pointer),
-        ("weights", _Pointer),
-        ("unit", ctypes.c_double),
-        ("index", _Pointer),
-        ("fan_in", _Integer),
-    )
-
-
-class _Window(ctypes.Structure):
-    _fields_ = (
-        ("steps", _Integer),
-        ("batch", _Integer),
-        ("neurons", _Integer),
-        ("threads", _Integer),
-        ("current", _Pointer),
-        ("projections", _Integer),
-        ("projection", ctypes.POINTER(_Projection)),
-        ("recurrent", _Pointer),
-        ("recurrent_unit", ctypes.c_double),
-        ("fired", _Pointer),
-        ("threshold", _Pointer),
-        ("threshold_stride", _Integer),
-        ("decay", ctypes.c_double),
-        ("rectify", _Integer),
-        ("spikes", _Pointer),
-        ("potentials", _Pointer),
-        ("last", _Pointer),
-    )
-
-
-class _ScanBack(ctypes.Structure):
-    _fields_ = (
-        ("steps", _Integer),
-        ("batch", _Integer),
-        ("neurons", _Integer),
-        ("threads", _Integer),
-        ("potentials", _Pointer),
-        ("grad_spikes", _Pointer),
-        ("step_stride", _Integer),
-        ("batch_stride", _Integer),
-        ("grad_last", _Pointer),
-        ("later", _Pointer),
-        ("threshold", _Pointer),
-        ("threshold_stride", _Integer),
-        ("decay", ctypes.c_double),
-        ("full", _Integer),
-        ("rectify", _Integer),
-        ("shape", _Integer),
-        ("width", ctypes.c_double),
-        ("grad_current", _Pointer),
-        ("grad_threshold", _Pointer),
-    )
-
-
-class _WeightGradient(ctypes.Structure):
-    _fields_ = (
-        ("rows", _Integer),
-        ("sources", _Integer),
-        ("targets", _Integer),
-        ("threads", _Integer),
-        ("words", _Pointer),
-        ("grad_current", _Pointer),
-        ("index", _Pointer),
-        ("fan_in", _Integer),
-        ("grad_weight", _Pointer),
-    )
 
 
 class Events(NamedTuple):
@@ -130,58 +61,6 @@ class Drive(NamedTuple):
     source_index: Tensor | None
 
 
-class NativeWindow:
-    """The arguments of a window that stay when it is run again, and the memory that they point to.
-
-    ``shape`` is (steps, batch, neurons). Run again, it reads what the words of its ``drives`` hold by then, and writes
-    its ``fired``, the words (steps + 1, batch, words) of a recurrent layer's spikes.
-    """
-
-    def __init__(
-        self,
-        shape: Sequence[int],
-        drives: Sequence[Drive],
-        recurrent: Packed | None,
-        neuron: LIF,
-        threshold: Tensor,
-    ) -> None:
-        steps, batch, neurons = shape
-        self.neurons = neurons
-        self.recurrent_work = 0 if recurrent is None else steps * batch * neurons * neurons // 8
-        self.fired: Tensor | None = None
-        if recurrent is not None:
-            self.fired = torch.empty(steps + 1, batch, (neurons + 63) // 64, dtype=torch.int64, device="cpu")
-        self._memory = (*drives, recurrent, threshold)
-        projections = (_Projection * len(drives))(
-            *(
-                _Projection(
-                    drive.events.sources,
-                    drive.events.words.data_ptr(),
-                    drive.weights.memory.data_ptr(),
-                    drive.weights.unit,
-                    _address(drive.source_index),
-                    0 if drive.source_index is None else drive.source_index.shape[1],
-                )
-                for drive in drives
-            )
-        )
-        self.arguments = _Window(
-            steps=steps,
-            batch=batch,
-            neurons=neurons,
-            projections=len(drives),
-            projection=projections,
-            recurrent=None if recurrent is None else recurrent.memory.data_ptr(),
-            recurrent_unit=0.0 if recurrent is None else recurrent.unit,
-            fired=_address(self.fired),
-            threshold=threshold.data_ptr(),
-            threshold_stride=int(threshold.numel() > 1),
-            decay=neuron.decay,
-            rectify=neuron.rectify,
-        )
-        self.reference = ctypes.byref(self.arguments)
-
-
 def kernels() -> "Kernels | None":
     """Return the native library, or None on the portable path."""
     found = library()
@@ -193,26 +72,27 @@ class Kernels:
 
     def __init__(self, library: ctypes.CDLL) -> None:
         self._pack_spikes = library.neurorobo_pack_spikes
-        self._pack_spikes.argtypes = (_Pointer, *(_Integer,) * 5, _Pointer)
+        self._pack_spikes.argtypes = (Pointer, *(Integer,) * 5, Pointer)
         self._pack_weights = library.neurorobo_pack_weights
-        self._pack_weights.argtypes = (_Pointer, _Integer, _Integer, _Pointer)
+        self._pack_weights.argtypes = (Pointer, Integer, Integer, Pointer)
         self._packed_size = library.neurorobo_packed_size
-        self._packed_size.argtypes = (_Integer, _Integer)
+        self._packed_size.argtypes = (Integer, Integer)
         self._pack_bytes = library.neurorobo_pack_bytes
-        self._pack_bytes.argtypes = (_Pointer, _Integer, _Integer, ctypes.c_double, _Pointer)
+        self._pack_bytes.argtypes = (Pointer, Integer, Integer, ctypes.c_double, Pointer)
         self._packed_shorts = library.neurorobo_packed_shorts
-        self._packed_shorts.argtypes = (_Integer, _Integer)
+        self._packed_shorts.argtypes = (Integer, Integer)
         self._run_window = library.neurorobo_run_window
+        self._run_circuit = library.neurorobo_run_circuit
         self._encode = library.neurorobo_encode
-        self._encode.argtypes = (_Pointer, *(_Integer,) * 3, *(ctypes.c_double,) * 2, *(_Pointer,) * 2)
+        self._encode.argtypes = (Pointer, *(Integer,) * 3, *(ctypes.c_double,) * 2, *(Pointer,) * 2)
         self._decode = library.neurorobo_decode
-        self._decode.argtypes = (_Pointer, *(_Integer,) * 3, *(ctypes.c_double,) * 2, _Pointer)
+        self._decode.argtypes = (Pointer, *(Integer,) * 3, *(ctypes.c_double,) * 2, Pointer)
         self._scan_back = library.neurorobo_scan_back
         self._weight_gradient = library.neurorobo_weight_gradient
         for function in vars(self).values():
-            function.restype = _Integer
+            function.restype = Integer
         self._use_large_pages = library.neurorobo_use_large_pages
-        self._use_large_pages.argtypes = (_Pointer, _Integer)
+        self._use_large_pages.argtypes = (Pointer, Integer)
         for function in (self._scan_back, self._decode, self._use_large_pages):
             function.restype = None
         if openmp := _openmp():
@@ -228,12 +108,7 @@ class Kernels:
     def pack_spikes(self, spikes: Tensor) -> Events:
         """Turn spikes (steps, batch, sources), any strides, into events; a ValueError if any is neither 0 nor 1."""
         steps, batch, sources = spikes.shape
-        words = torch.empty(steps, batch, (sources + 63) // 64, dtype=torch.int64, device="cpu")
-        return Events(words, sources, self.pack_into(words, spikes))
-
-    def pack_into(self, words: Tensor, spikes: Tensor) -> int:
-        """Write spikes as :meth:`pack_spikes` does into the ``words`` of an equal window; return how many there are."""
-        steps, batch, sources = spikes.shape
+        words = empty_words(steps, batch, sources)
         step_stride, batch_stride, stride = spikes.stride()
         if stride != 1 and sources > 1:
             spikes = spikes.contiguous()
@@ -245,7 +120,7 @@ class Kernels:
             step, rest = divmod(-1 - count, batch * sources)
             element, source = divmod(rest, sources)
             raise ValueError(not_a_spike(spikes[step, element, source].item(), step, element, source))
-        return count
+        return Events(words, sources, count)
 
     def pack_weights(self, weight: Tensor, old: Packed | None = None, *, as_bytes: bool = False) -> Packed:
         """Pack weights (targets, sources), into ``old`` if it fits; a ValueError if any is not a finite number.
@@ -282,32 +157,20 @@ class Kernels:
         is what the drives add to. ``recurrent`` is packed. ``threshold`` is one number or (neurons). Returns, of a
         recurrent layer, the words (steps + 1, batch, words) of its spikes, those before the window first.
         """
-        window = NativeWindow(spikes.shape, drives, recurrent, neuron, threshold)
-        self.run(window, sum(drive.events.ones for drive in drives), last, spikes, current, potentials)
-        return window.fired
-
-    def run(
-        self,
-        window: "NativeWindow",
-        ones: int,
-        last: Tensor,
-        spikes: Tensor,
-        current: Tensor | None = None,
-        potentials: Tensor | None = None,
-    ) -> None:
-        """Run a window whose drives hold ``ones`` spikes; the tensors are those of :meth:`run_window`.
-
-        ``current`` and ``potentials`` are given each time that it is run, or never.
-        """
-        arguments = window.arguments
-        arguments.threads = _threads(ones * window.neurons + window.recurrent_work)
-        if current is not None:
-            arguments.current = current.data_ptr()
-        if potentials is not None:
-            arguments.potentials = potentials.data_ptr()
+        arguments = window_arguments(spikes.shape, drives, recurrent, neuron, threshold)
+        steps, batch, neurons = spikes.shape
+        work = sum(drive.events.ones for drive in drives) * neurons
+        fired: Tensor | None = None
+        if recurrent is not None:
+            work += steps * batch * neurons * neurons // 8
+            fired = empty_words(steps + 1, batch, neurons)
+        arguments.fired = _address(fired)
+        arguments.threads = _threads(work)
+        arguments.current = _address(current)
+        arguments.potentials = _address(potentials)
         arguments.spikes = spikes.data_ptr()
         arguments.last = last.data_ptr()
-        failed = self._run_window(window.reference)
+        failed = self._run_window(ctypes.byref(arguments))
         if failed == 3:
             place = (~last.isfinite()).nonzero()[0].tolist()
             raise ValueError(f"a potential is a finite number, got {last[tuple(place)].item()} at {place}")
@@ -315,6 +178,16 @@ class Kernels:
             raise MemoryError(f"no memory for a window of {' x '.join(map(str, spikes.shape))} neurons")
         if failed:
             raise ValueError(f"a layer has at most 64 projections, not {arguments.projections}")
+        return fired
+
+    def run_circuit(self, circuit: structures.Circuit) -> int:
+        """Run a circuit that is filled in; returns 0, or another number if it could not be run to its end.
+
+        :data:`TOO_DENSE` is one; the others tell of mistakes, which each layer by itself finds out and names.
+        """
+        circuit.threads, circuit.least_work = torch.get_num_threads(), WORK_FOR_THREADS
+        failed: int = self._run_circuit(ctypes.byref(circuit))
+        return failed
 
     def scan_back(
         self,
@@ -340,7 +213,7 @@ class Kernels:
         step_stride, batch_stride, _ = grad_spikes.stride()
         self._scan_back(
             ctypes.byref(
-                _ScanBack(
+                structures.ScanBack(
                     steps,
                     batch,
                     neurons,
@@ -371,7 +244,7 @@ class Kernels:
         gradient = _floats((targets, fan_in))
         failed = self._weight_gradient(
             ctypes.byref(
-                _WeightGradient(
+                structures.WeightGradient(
                     steps * batch,
                     events.sources,
                     targets,
@@ -416,6 +289,46 @@ class Kernels:
 def _floats(shape: Sequence[int]) -> Tensor:
     """Return a tensor to be written, whatever the type and the device that torch takes by default."""
     return torch.empty(shape, dtype=torch.float32, device="cpu")
+
+
+def window_arguments(
+    shape: Sequence[int], drives: Sequence[Drive], recurrent: Packed | None, neuron: LIF, threshold: Tensor
+) -> structures.Window:
+    """Return what the kernels need to know of a layer's window (steps, batch, neurons), but for what it writes.
+
+    They point into the memory of the tensors, which is the caller's to keep.
+    """
+    steps, batch, neurons = shape
+    projections = (structures.Projection * len(drives))(
+        *(
+            structures.Projection(
+                structures.Population(drive.events.sources, drive.events.words.data_ptr()),
+                drive.weights.memory.data_ptr(),
+                drive.weights.unit,
+                _address(drive.source_index),
+                0 if drive.source_index is None else drive.source_index.shape[1],
+            )
+            for drive in drives
+        )
+    )
+    return structures.Window(
+        steps=steps,
+        batch=batch,
+        neurons=neurons,
+        projections=len(drives),
+        projection=projections,
+        recurrent=None if recurrent is None else recurrent.memory.data_ptr(),
+        recurrent_unit=0.0 if recurrent is None else recurrent.unit,
+        threshold=threshold.data_ptr(),
+        threshold_stride=int(threshold.numel() > 1),
+        decay=neuron.decay,
+        rectify=neuron.rectify,
+    )
+
+
+def empty_words(steps: int, batch: int, sources: int) -> Tensor:
+    """Return room for the words (steps, batch, words) of so many sources."""
+    return torch.empty(steps, batch, (sources + 63) // 64, dtype=torch.int64, device="cpu")
 
 
 def _unit(weight: Tensor) -> float | None:

@@ -10,7 +10,7 @@ from torch.autograd import forward_ad
 from neurorobo.engine.checked import CheckedWeights, check_spikes
 from neurorobo.engine.events import Population, is_native, run_events
 from neurorobo.engine.kernels import Kernels, kernels
-from neurorobo.engine.prepared import MOST_ROWS, Prepared, prepare
+from neurorobo.engine.prepared import Prepared, Stage, prepare
 from neurorobo.engine.window import check_potential, run_checked, run_steps
 from neurorobo.neurons import LIF, Neuron
 from neurorobo.synapses import Dense, FanIn, Projection
@@ -50,7 +50,7 @@ class Layer(nn.Module):
         self.projections = nn.ModuleList(projections)
         self.recurrent = recurrent
         self.neuron = neuron
-        self._checked = CheckedWeights()
+        self.checked = CheckedWeights()
         self._prepared = Prepared()
         self.threshold: nn.Parameter | None = None
         if trainable_threshold:
@@ -92,22 +92,22 @@ class Layer(nn.Module):
         return Layer._run_apart(self, inputs, state)  # type: ignore[no-any-return]
 
     def _run(self, inputs: Sequence[Tensor], state: Tensor | None) -> tuple[Tensor, Tensor]:
-        _refuse_transforms()
+        refuse_transforms()
         projections: list[nn.Module] = list(self.projections._modules.values())
         neuron = self.neuron
         if type(neuron) is LIF and not torch.is_grad_enabled() and (native := kernels()) is not None:
-            ran = self._run_prepared(native, neuron, projections, inputs, state)
+            ran = self._run_prepared(native, inputs, state)
             if ran is not None:
                 return ran
+        self._check_inputs(projections, inputs)
+        self.check_parameters()
         if state is None:
-            self._check_sizes(projections, inputs)
             state = self.at_rest(inputs[0].shape[1])
         if torch._C._is_any_autocast_enabled() and torch.is_autocast_enabled(state.device.type):
             with torch.autocast(state.device.type, enabled=False):
                 return self._run(inputs, state)
-        self._check_sizes(projections, inputs)
         if self.threshold is not None:
-            self._checked.check("threshold", self.threshold)
+            self.checked.check("threshold", self.threshold)
         if type(neuron) is LIF and (native := kernels()) is not None:
             ran = self._run_events(native, projections, inputs, state, neuron)
             if ran is not None:
@@ -134,35 +134,30 @@ class Layer(nn.Module):
         return run_checked(current, state, self.neuron, self.threshold, recurrent_weight)
 
     def _run_prepared(
-        self,
-        native: Kernels,
-        neuron: LIF,
-        projections: Sequence[nn.Module],
-        inputs: Sequence[Tensor],
-        state: Tensor | None,
+        self, native: Kernels, inputs: Sequence[Tensor], state: Tensor | None
     ) -> tuple[Tensor, Tensor] | None:
         """Run a window as it was run before, or prepare it; None if it cannot be prepared, or had better not."""
         prepared = self._prepared.take()
-        if prepared is None or not prepared.fits(native, neuron, projections, self.recurrent, inputs, state):
-            self._check_sizes(projections, inputs)
-            steps, batch, _ = inputs[0].shape
-            if steps * batch > MOST_ROWS or not is_native(state, *inputs):
-                return None
-            if state is not None and state.shape != (batch, self.neurons):
-                return None
-            shape = (steps, batch, self.neurons)
-            prepared = prepare(native, self._checked, neuron, shape, projections, self.recurrent, self)
+        if prepared is None or not prepared.fits(native, inputs, (state,)):
+            self._check_inputs(list(self.projections), inputs)
+            self.check_parameters()
+            stage = Stage(self, [(number,) for number in range(len(inputs))])
+            prepared = prepare(native, (stage,), inputs, (state,))
             if prepared is None:
                 return None
-        ran = prepared.run(inputs, state)
+        ran = prepared.run(inputs, (state,), (True,), (True,))
         self._prepared.put(prepared)
-        return ran
+        if ran is None:
+            return None
+        (spikes,), (last,) = ran
+        assert spikes is not None and last is not None
+        return spikes, last
 
-    def _check_sizes(self, projections: Sequence[nn.Module], inputs: Sequence[Tensor]) -> None:
+    def _check_inputs(self, projections: Sequence[nn.Module], inputs: Sequence[Tensor]) -> None:
         if len(inputs) != len(projections):
             raise ValueError(f"a layer of {len(projections)} projections was given {len(inputs)} inputs")
         window = inputs[0].shape[:2]
-        for number, (projection, spikes) in enumerate(zip(projections, inputs, strict=True)):
+        for projection, spikes in zip(projections, inputs, strict=True):
             shape = spikes.shape
             if len(shape) != 3 or shape[0] == 0:
                 raise ValueError(f"a window is of (steps, batch, sources) and at least one step, got {tuple(shape)}")
@@ -171,20 +166,27 @@ class Layer(nn.Module):
                 raise ValueError(f"the inputs of a layer must agree in steps and batch, got {windows}")
             if shape[2] != projection.sources:
                 raise ValueError(f"a projection of {projection.sources} sources was given the spikes of {shape[2]}")
-            self._check_weights(f"projection {number}", projection, shape[2])
+
+    def check_parameters(self) -> None:
+        """Raise a ValueError unless weights, indices and thresholds are of the shapes that belong to the layer."""
+        for number, projection in enumerate(self.projections._modules.values()):
+            self._check_weights(f"projection {number}", projection)
         if self.recurrent is not None:
-            self._check_weights("recurrent", self.recurrent, self.neurons)
+            self._check_weights("recurrent", self.recurrent)
         if self.threshold is not None and self.threshold.shape != (self.neurons,):
             raise ValueError(
                 f"threshold: one for each of {self.neurons} neurons, got a shape of {tuple(self.threshold.shape)}"
             )
 
-    def _check_weights(self, name: str, projection: nn.Module, sources: int) -> None:
+    def _check_weights(self, name: str, projection: nn.Module | None) -> None:
         """Raise a ValueError unless the weights of one of the core's projections have the shape that belongs to it."""
+        if not isinstance(projection, Projection):
+            return
+        sources = self.neurons if name == "recurrent" else projection.sources
         wanted = (self.neurons, sources)
         if type(projection) is FanIn:
             wanted = (self.neurons, projection.source_index.shape[-1])
-            self._checked.check_index(name, projection.source_index, wanted, sources)
+            self.checked.check_index(name, projection.source_index, wanted, sources)
         elif type(projection) is not Dense:
             return
         weight = projection._parameters.get("weight")  # None if something computes it, such as a parametrization
@@ -197,7 +199,7 @@ class Layer(nn.Module):
     def _recurrent_weight(self) -> Tensor | None:
         if self.recurrent is None:
             return None
-        self._checked.check("recurrent", self.recurrent.weight)
+        self.checked.check("recurrent", self.recurrent.weight)
         return self.recurrent.matrix()
 
     def _current(self, projections: Sequence[nn.Module], inputs: Sequence[Tensor], first: int) -> Tensor:
@@ -207,7 +209,7 @@ class Layer(nn.Module):
             if spikes.dtype != weight.dtype:
                 raise ValueError(f"projection {number} of {weight.dtype} was given spikes of {spikes.dtype}")
             check_spikes(spikes, first)
-            self._checked.check(f"projection {number}", weight)
+            self.checked.check(f"projection {number}", weight)
         one, *others = zip(projections, inputs, strict=True)
         current: Tensor = one[0](one[1])
         for projection, spikes in others:
@@ -236,11 +238,11 @@ class Layer(nn.Module):
             return None
         if state.shape != (wanted := (inputs[0].shape[1], self.neurons)):
             raise ValueError(f"the potential is of {tuple(state.shape)} (batch, neurons), the current of {wanted}")
-        population = Population(neuron, indices, self._checked)
+        population = Population(neuron, indices, self.checked)
         return run_events(native, population, inputs, weights, state, self.threshold, recurrent)
 
 
-def _refuse_transforms() -> None:
+def refuse_transforms() -> None:
     """Raise a NotImplementedError where torch would look through a layer and see nothing of its kernels."""
     if torch._C._are_functorch_transforms_active():
         raise NotImplementedError("a layer runs under autograd, but not under vmap, grad or others of torch.func")

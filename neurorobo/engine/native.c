@@ -22,6 +22,13 @@
 #if defined(__linux__)
 #include <sys/mman.h>
 #endif
+#if defined(__x86_64__)
+#include <immintrin.h>
+#endif
+
+#if __BYTE_ORDER__ != __ORDER_LITTLE_ENDIAN__
+#error "words of bits are written by bytes, the lowest first"
+#endif
 
 #if defined(__AVX512F__)
 #define VECTOR_BYTES 64
@@ -135,32 +142,38 @@ void neurorobo_use_large_pages(float *memory, int64_t bytes) {
 
 /* ---- Bits ---- */
 
+/* Return in which lanes a vector has this value, the first in the lowest bit. */
+INLINE uint64_t equals(vector lanes, float value) {
+#if defined(__AVX512F__)
+    return _mm512_cmp_ps_mask((__m512)lanes, _mm512_set1_ps(value), _CMP_EQ_OQ);
+#elif defined(__AVX2__)
+    return (uint64_t)_mm256_movemask_ps(_mm256_cmp_ps((__m256)lanes, _mm256_set1_ps(value), _CMP_EQ_OQ));
+#elif defined(__x86_64__)
+    return (uint64_t)_mm_movemask_ps(_mm_cmpeq_ps((__m128)lanes, _mm_set1_ps(value)));
+#else
+    uint64_t bits = 0;
+    for (int i = 0; i < LANES; i++) bits |= (uint64_t)(lanes[i] == value) << i;
+    return bits;
+#endif
+}
+
 /* Pack one row of 0/1 into words; returns the number of ones, or -1 if there is any other value. */
 static int64_t pack_row(const float *row, int64_t length, uint64_t *words) {
-    int64_t events = 0;
-    int bad = 0;
+    int64_t events = 0, bad = 0;
     for (int64_t first = 0; first < length; first += WORD) {
-        uint64_t word = 0;
+        uint64_t ones = 0, zeros = 0;
         int64_t count = least(WORD, length - first);
         const float *piece = row + first;
-        float padded[WORD];
-        if (count < WORD) {
-            memset(padded, 0, sizeof padded);
-            memcpy(padded, piece, (size_t)count * sizeof(float));
-            piece = padded;
+        float padded[WORD] = {0};
+        if (count < WORD) piece = memcpy(padded, piece, (size_t)count * sizeof(float));
+        for (int i = 0; i < WORD; i += LANES) {
+            vector lanes = *(const vector *)(piece + i);
+            ones |= equals(lanes, 1.0f) << i;
+            zeros |= equals(lanes, 0.0f) << i;
         }
-        /* Eight neighbours at a time: their bits gather in the bytes of one word. */
-        for (int part = 0; part < WORD / 8; part++) {
-            uint32_t bits = 0;
-            for (int i = 0; i < 8; i++) {
-                float value = piece[8 * part + i];
-                bits |= (uint32_t)(value == 1.0f) << i;
-                bad |= (value != 1.0f) & (value != 0.0f);
-            }
-            word |= (uint64_t)bits << (8 * part);
-        }
-        *words++ = word;
-        events += __builtin_popcountll(word);
+        bad |= ~(ones | zeros) != 0;
+        *words++ = ones;
+        events += __builtin_popcountll(ones);
     }
     return bad ? -1 : events;
 }
@@ -334,10 +347,14 @@ static void add_bytes(float *sums, int64_t stride, int64_t rows, const uint64_t 
 
 typedef struct {
     int64_t sources;
-    const uint64_t *words; /* (steps, batch, words) */
-    const void *weights;   /* packed, as floats or bytes; or floats (targets, fan_in) */
-    double unit;           /* what a byte counts; 0 if the weights are floats */
-    const int64_t *index;  /* the sources (targets, fan_in); NULL if all */
+    uint64_t *words; /* (steps, batch, words) */
+} population;
+
+typedef struct {
+    population from;
+    const void *weights;  /* packed, as floats or bytes; or floats (targets, fan_in) */
+    double unit;          /* what a byte counts; 0 if the weights are floats */
+    const int64_t *index; /* the sources (targets, fan_in); NULL if all */
     int64_t fan_in;
 } projection;
 
@@ -348,12 +365,13 @@ typedef struct {
     const projection *projection;
     const void *recurrent;    /* packed, or NULL */
     double recurrent_unit;
-    uint64_t *fired;          /* (steps + 1, batch, words) of a recurrent layer; the first row is of before the window */
+    uint64_t *fired;          /* (steps + 1, batch, words), the first row of before the window; NULL if not recurrent
+                                 and not asked for */
     const float *threshold;   /* one, or one per neuron */
     int64_t threshold_stride; /* 0 or 1 */
     double decay;
     int64_t rectify;
-    float *spikes;     /* (steps, batch, neurons) */
+    float *spikes;     /* (steps, batch, neurons), or NULL */
     float *potentials; /* (steps, batch, neurons), or NULL; may be the current */
     float *last;       /* (batch, neurons): the potential before, then after */
 } window;
@@ -404,16 +422,24 @@ static void add_fan_in(float *sums, int64_t rows, const projection *p, const flo
     }
 }
 
+/* Write a tile's spikes as bits into a row of words, and zeros behind the last tile. */
+INLINE void write_bits(const float *spikes, uint64_t *row, int64_t neurons, int64_t first) {
+    uint64_t bits[(TILE + WORD - 1) / WORD] = {0};
+    int64_t bytes = first + TILE < neurons ? TILE / 8 : pieces(neurons, WORD) * 8 - first / 8;
+    for (int i = 0; i < TILE; i += LANES) bits[i / WORD] |= equals(*(const vector *)(spikes + i), 1.0f) << (i % WORD);
+    memcpy((uint8_t *)row + first / 8, bits, (size_t)bytes);
+}
+
 /* Step the neurons of a tile through a block's rows of currents. */
 INLINE void scan_of(const window *w, const block *k, const float *sums, const float *threshold, int64_t first,
                     int64_t count, const int rectify) {
-    float decay = (float)w->decay;
+    float decay = (float)w->decay, spikes[TILE] = {0};
+    int64_t row_words = pieces(w->neurons, WORD);
     for (int64_t g = 0; g < k->elements; g++) {
         float *restrict before = w->last + (k->element + g) * w->neurons + first;
         for (int64_t c = 0; c < k->steps; c++) {
             const float *restrict current = sums + (c * k->elements + g) * TILE;
-            int64_t at = ((k->step + c) * w->batch + k->element + g) * w->neurons + first;
-            float *restrict spikes = w->spikes + at;
+            int64_t row = (k->step + c) * w->batch + k->element + g, at = row * w->neurons + first;
             for (int64_t i = 0; i < count; i++) {
                 float carried = decay * before[i];
                 float now = current[i] + (before[i] < threshold[i] ? carried : 0.0f);
@@ -421,6 +447,8 @@ INLINE void scan_of(const window *w, const block *k, const float *sums, const fl
                 spikes[i] = now >= threshold[i] ? 1.0f : 0.0f;
                 before[i] = now;
             }
+            if (w->spikes) memcpy(w->spikes + at, spikes, (size_t)count * sizeof(float));
+            if (w->fired) write_bits(spikes, w->fired + (row + w->batch) * row_words, w->neurons, first);
             if (w->potentials) memcpy(w->potentials + at, before, (size_t)count * sizeof(float));
         }
     }
@@ -456,8 +484,8 @@ static void run_block(const window *w, const block *k, int64_t tile, const float
             add_fan_in(sums, rows, from, expanded[p], first, count);
             continue;
         }
-        for (int64_t r = 0; r < rows; r++) words[r] = from->words + row_of(w, k, r) * pieces(from->sources, WORD);
-        add_dense(sums, rows, words, from->sources, from->weights, from->unit, first, count, cold);
+        for (int64_t r = 0; r < rows; r++) words[r] = from->from.words + row_of(w, k, r) * pieces(from->from.sources, WORD);
+        add_dense(sums, rows, words, from->from.sources, from->weights, from->unit, first, count, cold);
     }
     if (w->recurrent) { /* row t of `fired` is of the step before */
         for (int64_t r = 0; r < rows; r++) words[r] = w->fired + row_of(w, k, r) * pieces(w->neurons, WORD);
@@ -479,7 +507,7 @@ static void run_item(const void *arguments, int64_t item, int64_t worker) {
     const division *d = arguments;
     const window *w = d->window;
     int64_t all = pieces(w->neurons, TILE), groups = pieces(w->batch, d->group);
-    int64_t first_tile = d->tiles == all ? 0 : item / groups, row_words = pieces(w->neurons, WORD);
+    int64_t first_tile = d->tiles == all ? 0 : item / groups;
     block k = {.element = item % groups * d->group};
     k.elements = least(d->group, w->batch - k.element);
     const float *expanded[MOST_PROJECTIONS];
@@ -491,17 +519,12 @@ static void run_item(const void *arguments, int64_t item, int64_t worker) {
             if (!from->index) continue;
             const uint64_t *words[ROWS];
             for (int64_t r = 0; r < k.steps * k.elements; r++)
-                words[r] = from->words + row_of(w, &k, r) * pieces(from->sources, WORD);
-            expand(words, k.steps * k.elements, from->sources, room);
+                words[r] = from->from.words + row_of(w, &k, r) * pieces(from->from.sources, WORD);
+            expand(words, k.steps * k.elements, from->from.sources, room);
             expanded[p] = room;
-            room += from->sources * ROWS;
+            room += from->from.sources * ROWS;
         }
         for (int64_t tile = first_tile; tile < first_tile + d->tiles; tile++) run_block(w, &k, tile, expanded);
-        if (w->recurrent)
-            for (int64_t g = 0; g < k.elements; g++) {
-                int64_t row = k.step * w->batch + k.element + g;
-                pack_row(w->spikes + row * w->neurons, w->neurons, w->fired + (row + w->batch) * row_words);
-            }
     }
 }
 
@@ -514,7 +537,7 @@ int64_t neurorobo_run_window(const window *w) {
     if (bad) return 3;
     division d = {.window = w, .tiles = 1};
     for (int64_t p = 0; p < w->projections; p++)
-        if (w->projection[p].index) d.room += w->projection[p].sources * ROWS;
+        if (w->projection[p].index) d.room += w->projection[p].from.sources * ROWS;
     int64_t all = pieces(w->neurons, TILE), row_words = pieces(w->neurons, WORD);
     if (w->recurrent || d.room) d.tiles = all; /* else a tile's weights stay in the cache from block to block */
     d.chunk = w->recurrent ? 1 : least(w->steps, ROWS);
@@ -534,6 +557,80 @@ int64_t neurorobo_run_window(const window *w) {
     }
     share(run_item, &d, items, w->threads);
     free(d.expanded);
+    return 0;
+}
+
+/* ---- One window of a circuit: layers, each of which reads inputs and layers before it ---- */
+
+typedef struct {
+    const float *spikes; /* (steps, batch, sources) with these strides */
+    int64_t step_stride, batch_stride;
+    population to;
+} input;
+
+typedef struct {
+    int64_t pieces;
+    const population *piece; /* what is to lie side by side where a projection reads; none if it lies there already */
+    int64_t most;            /* so many events pay; for more, a matrix product does */
+} reading;
+
+typedef struct {
+    window window;
+    const reading *reading; /* one for each projection */
+    int64_t from_rest; /* whether the potentials before are zero, whatever `last` holds */
+} stage;
+
+typedef struct {
+    int64_t inputs;
+    const input *input;
+    int64_t stages;
+    stage *stage;
+    int64_t threads, least_work; /* for how many additions of a weight threads are worth starting */
+} circuit;
+
+/* Lay the bits of several populations side by side. */
+static void join(const population *piece, int64_t count, const population *whole, int64_t rows) {
+    int64_t row_words = pieces(whole->sources, WORD), at = 0;
+    memset(whole->words, 0, (size_t)(rows * row_words) * sizeof(uint64_t));
+    for (const population *end = piece + count; piece < end; at += piece++->sources) {
+        int64_t words = pieces(piece->sources, WORD), left = at % WORD;
+        for (int64_t r = 0; r < rows; r++) {
+            uint64_t *into = whole->words + r * row_words + at / WORD;
+            for (int64_t w = 0; w < words; w++) {
+                uint64_t word = piece->words[r * words + w];
+                into[w] |= word << left;
+                if (left && word >> (WORD - left)) into[w + 1] |= word >> (WORD - left);
+            }
+        }
+    }
+}
+
+/* Run a circuit through a window. Returns 0, what neurorobo_run_window does if one of its layers fails, 4 if an input
+ * holds anything but spikes, or 5 if a projection's sources fire so often that it had better be run elsewhere. */
+int64_t neurorobo_run_circuit(const circuit *c) {
+    if (!c->stages) return 0;
+    int64_t steps = c->stage->window.steps, batch = c->stage->window.batch, rows = steps * batch;
+    for (const input *i = c->input; i < c->input + c->inputs; i++)
+        if (neurorobo_pack_spikes(i->spikes, steps, batch, i->to.sources, i->step_stride, i->batch_stride,
+                                  i->to.words) < 0)
+            return 4;
+    for (stage *s = c->stage; s < c->stage + c->stages; s++) {
+        window *w = &s->window;
+        int64_t work = w->recurrent ? rows * w->neurons * w->neurons / 8 : 0;
+        for (int64_t p = 0; p < w->projections; p++) {
+            const population *from = &w->projection[p].from;
+            const reading *reading = &s->reading[p];
+            if (reading->pieces) join(reading->piece, reading->pieces, from, rows);
+            int64_t events = 0, words = rows * pieces(from->sources, WORD);
+            for (int64_t i = 0; i < words; i++) events += __builtin_popcountll(from->words[i]);
+            if (events > reading->most) return 5;
+            work += events * w->neurons;
+        }
+        if (s->from_rest) memset(w->last, 0, (size_t)(batch * w->neurons) * sizeof(float));
+        w->threads = work >= c->least_work ? c->threads : 1;
+        int64_t failed = neurorobo_run_window(w);
+        if (failed) return failed;
+    }
     return 0;
 }
 

@@ -7,7 +7,7 @@ import torch
 from torch import Tensor, nn
 
 from neurorobo.clock import Clock
-from neurorobo.engine import Layer
+from neurorobo.engine import Circuit, Layer
 from neurorobo.regions.feedforward_config import FeedforwardConfig
 from neurorobo.regions.port import Port
 from neurorobo.regions.region import Probe, Region, State
@@ -22,11 +22,14 @@ class Feedforward(Region):
         neuron = config.neuron.build()
         sizes = (_channels(self.input_ports), *config.hidden, _channels(self.output_ports))
         names = [*(f"hidden_{number + 1}" for number in range(len(config.hidden))), "output"]
-        self.layers = nn.ModuleDict(
-            {
-                name: Layer([Dense(before, after, generator, gain=config.gain)], neuron)
-                for name, (before, after) in zip(names, pairwise(sizes), strict=True)
-            }
+        layers = {
+            name: Layer([Dense(before, after, generator, gain=config.gain)], neuron)
+            for name, (before, after) in zip(names, pairwise(sizes), strict=True)
+        }
+        self.layers = nn.ModuleDict(layers)
+        reads = [tuple(self.input_ports), *names]
+        self._circuit = Circuit(
+            self.input_ports, {name: (layers[name], [read]) for name, read in zip(names, reads, strict=False)}
         )
 
     def init_state(self, batch: int) -> State:
@@ -36,14 +39,12 @@ class Feedforward(Region):
     def step(
         self, inputs: Mapping[str, Tensor], state: State, probe: Probe | None = None
     ) -> tuple[dict[str, Tensor], State]:
-        """Run one window, layer by layer."""
-        spikes = torch.cat([inputs[name] for name in self.input_ports], dim=-1)
-        after = {}
-        for name, layer in self.layers.items():
-            spikes, after[name] = layer([spikes], state[name])
-            if probe is not None:
-                probe(name, spikes)
-        parts = spikes.split([port.channels for port in self.output_ports.values()], dim=-1)
+        """Run one window."""
+        spikes, after = self._circuit(inputs, state, ["output"] if probe is None else None)
+        if probe is not None:
+            for name, fired in spikes.items():
+                probe(name, fired)
+        parts = spikes["output"].split([port.channels for port in self.output_ports.values()], dim=-1)
         return dict(zip(self.output_ports, parts, strict=True)), after
 
     def parameter_groups(self) -> Mapping[str, nn.Module]:

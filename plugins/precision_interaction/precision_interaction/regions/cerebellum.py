@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from neurorobo.clock import Clock
-from neurorobo.engine import Layer
+from neurorobo.engine import Circuit, Layer
 from neurorobo.neurons import LIF, Surrogate
 from neurorobo.regions.region import Probe, Region, State
 from neurorobo.synapses import Dense, FanIn
@@ -42,25 +42,25 @@ class Cerebellum(Region):
         readout = Dense(config.nuclei, components * config.output_neurons, generator, gain=0.2)
         _give_each_output_its_nuclei(readout.weight, components, config)
         self.output = Layer([readout], neuron)
+        self._circuit = Circuit(
+            INPUTS,
+            {
+                "granule": (self.granule, [INPUTS]),
+                "purkinje": (self.purkinje, ["granule"]),
+                "nuclei": (self.nuclei, ["purkinje", INPUTS]),
+                "output": (self.output, ["nuclei"]),
+            },
+        )
 
     def step(
         self, inputs: Mapping[str, Tensor], state: State, probe: Probe | None = None
     ) -> tuple[dict[str, Tensor], State]:
         """Run one window from rest."""
-        mossy = torch.cat([inputs[name] for name in INPUTS], dim=-1)
-        granule, _ = self.granule([mossy])
-        purkinje, _ = self.purkinje([granule])
-        nuclei, _ = self.nuclei([purkinje, mossy])
-        output, _ = self.output([nuclei])
+        spikes, _ = self._circuit(inputs, wanted=["output"] if probe is None else None)
         if probe is not None:
-            for layer, spikes in (
-                ("granule", granule),
-                ("purkinje", purkinje),
-                ("nuclei", nuclei),
-                ("output", output),
-            ):
-                probe(layer, spikes)
-        move, residual, *own = output.split(2 * self.config.output_neurons, dim=-1)
+            for name, fired in spikes.items():
+                probe(name, fired)
+        move, residual, *own = spikes["output"].split(2 * self.config.output_neurons, dim=-1)
         return {"move": move, "residual": residual, "velocity": own[0] if own else move}, state
 
 

@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from neurorobo.clock import Clock
-from neurorobo.engine import Layer
+from neurorobo.engine import Circuit, Layer
 from neurorobo.neurons import LIF, Surrogate, spiking_neural_unit
 from neurorobo.regions.region import Probe, Region, State
 from neurorobo.synapses import Dense
@@ -38,6 +38,9 @@ class Hippocampus(Region):
         )
         self._sizes = [port.channels for port in self.output_ports.values()]
         self.output = Layer([Dense(hidden, sum(self._sizes), generator)], LIF(surrogate=SURROGATE))
+        self._circuit = Circuit(
+            self.input_ports, {"hidden": (self.hidden, list(self.input_ports)), "output": (self.output, ["hidden"])}
+        )
 
     def init_state(self, batch: int) -> State:
         """Return the potential of the hidden units at rest, (batch, hidden_neurons)."""
@@ -47,9 +50,8 @@ class Hippocampus(Region):
         self, inputs: Mapping[str, Tensor], state: State, probe: Probe | None = None
     ) -> tuple[dict[str, Tensor], State]:
         """Look one period further ahead than the feedback does."""
-        hidden, potential = self.hidden([inputs[name] for name in self.input_ports], state["hidden"])
-        output, _ = self.output([hidden])
+        spikes, after = self._circuit(inputs, state, ["output"] if probe is None else None)
         if probe is not None:
-            probe("hidden", hidden)
-            probe("output", output)
-        return dict(zip(self.output_ports, output.split(self._sizes, dim=-1), strict=True)), {"hidden": potential}
+            probe("hidden", spikes["hidden"])
+            probe("output", spikes["output"])
+        return dict(zip(self.output_ports, spikes["output"].split(self._sizes, dim=-1), strict=True)), after

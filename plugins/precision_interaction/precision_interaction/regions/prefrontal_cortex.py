@@ -7,11 +7,14 @@ import torch
 from torch import Tensor, nn
 
 from neurorobo.clock import Clock
-from neurorobo.engine import Layer
+from neurorobo.engine import Circuit, Layer
 from neurorobo.neurons import LIF, Surrogate
 from neurorobo.regions.region import Probe, Region, State
 from neurorobo.synapses import Dense
 from precision_interaction.regions.prefrontal_cortex_config import PrefrontalCortexConfig
+
+SECOND = ("prediction", "terminal", "general")
+"""What makes up the second layer."""
 
 NEURON = LIF(surrogate=Surrogate("arctan", 1.0))  # its tails let a silent output neuron recover
 
@@ -24,10 +27,9 @@ class Block(nn.Module):
         self.layer = Layer([Dense(sources, neurons, generator, gain=3.0)], NEURON)
         self.weight = nn.Parameter(torch.randn(neurons, generator=generator) / neurons**0.5)
 
-    def forward(self, spikes: Tensor) -> tuple[Tensor, Tensor]:
-        """Spikes (steps, batch, sources) -> the block's spikes (steps, batch, neurons) and its value (batch, 1)."""
-        fired = _feed(self.layer, spikes)
-        return fired, (fired.mean(0) @ self.weight).unsqueeze(1)
+    def value(self, fired: Tensor) -> Tensor:
+        """Spikes (steps, batch, neurons) -> what they say (batch, 1)."""
+        return (fired.mean(0) @ self.weight).unsqueeze(1)
 
 
 class PrefrontalCortex(Region):
@@ -47,29 +49,34 @@ class PrefrontalCortex(Region):
         self.general = Layer([Dense(sum(channels.values()), config.general_neurons, generator, gain=1.5)], NEURON)
         second = config.prediction_neurons + config.terminal_neurons + config.general_neurons
         sizes = (second, *config.hidden_neurons, 2 * config.output_neurons)
-        self.later = nn.ModuleList(
-            Layer([Dense(before, after, generator, gain=1.5)], NEURON) for before, after in pairwise(sizes)
+        later = [Layer([Dense(before, after, generator, gain=1.5)], NEURON) for before, after in pairwise(sizes)]
+        self.later = nn.ModuleList(later)
+        names = [*(f"layer_{number}" for number in range(3, len(later) + 2)), "output"]
+        reads = [SECOND, *names]
+        self._circuit = Circuit(
+            self.input_ports,
+            {
+                "prediction": (self.prediction.layer, [("forecast", "variance")]),
+                "terminal": (self.terminal.layer, [("remaining", "speed")]),
+                "general": (self.general, [tuple(self.input_ports)]),
+                **{name: (layer, [read]) for name, layer, read in zip(names, later, reads, strict=False)},
+            },
         )
 
     def step(
         self, inputs: Mapping[str, Tensor], state: State, probe: Probe | None = None
     ) -> tuple[dict[str, Tensor], State]:
         """Plan one axial period."""
-        predicting, confidence = self.prediction(torch.cat([inputs["forecast"], inputs["variance"]], dim=-1))
-        ending, terminal = self.terminal(torch.cat([inputs["remaining"], inputs["speed"]], dim=-1))
-        general = _feed(self.general, torch.cat([inputs[name] for name in self.input_ports], dim=-1))
-        spikes = torch.cat([predicting, ending, general], dim=-1)
+        spikes, _ = self._circuit(inputs, wanted=["prediction", "terminal", "output"] if probe is None else None)
         if probe is not None:
-            probe("second", spikes)
-        for number, layer in enumerate(self.later, start=3):
-            spikes = _feed(layer, spikes)
-            if probe is not None:
-                probe("output" if number == len(self.later) + 2 else f"layer_{number}", spikes)
-        speed, beta = spikes.split(self.config.output_neurons, dim=-1)
-        return {"speed": speed, "beta": beta, "confidence": confidence, "terminal": terminal}, state
-
-
-def _feed(layer: nn.Module, spikes: Tensor) -> Tensor:
-    """Run one window of a layer from rest."""
-    fired: Tensor = layer([spikes])[0]
-    return fired
+            probe("second", torch.cat([spikes[name] for name in SECOND], dim=-1))
+            for name, fired in spikes.items():
+                if name not in SECOND:
+                    probe(name, fired)
+        speed, beta = spikes["output"].split(self.config.output_neurons, dim=-1)
+        return {
+            "speed": speed,
+            "beta": beta,
+            "confidence": self.prediction.value(spikes["prediction"]),
+            "terminal": self.terminal.value(spikes["terminal"]),
+        }, state
