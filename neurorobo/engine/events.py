@@ -10,11 +10,11 @@ from typing import Any, NamedTuple
 
 import torch
 from torch import Tensor
-from torch.nn import functional
 
 from neurorobo.engine.checked import CheckedWeights
 from neurorobo.engine.kernels import Drive, Events, Kernels, Packed
 from neurorobo.neurons import LIF
+from neurorobo.synapses.product import linear
 
 DENSE_ABOVE = 0.7
 """The share of sources that fire per step above which currents come from a matrix product instead of events.
@@ -136,7 +136,7 @@ def _run(
         events = native.pack_spikes(spikes)
         if index is None and events.ones > most_events(steps * batch, events.sources):
             checked.check(name, weight)
-            product = functional.linear(spikes, weight)
+            product = linear(spikes, weight)
             current = product if current is None else current.add_(product)
             kept.append(None)
             continue
@@ -210,7 +210,7 @@ class _Window(torch.autograd.Function):
         ) -> None:
             """Go back through some steps, of a recurrent layer one by one."""
             if later is not None and recurrent_weight is not None:
-                grads = torch.addmm(grads[0], later, recurrent_weight).unsqueeze(0)
+                grads = linear(later, recurrent_weight.t()).add_(grads[0]).unsqueeze(0)
             native.scan_back(
                 neuron, flat_threshold, potentials, grads, last, later, into, grad_threshold, rectify=rectify
             )
@@ -245,9 +245,9 @@ class _Window(torch.autograd.Function):
                 matrix = weight
                 if index is not None:
                     matrix = weight.new_zeros(len(weight), known[0]).scatter_(1, index, weight)
-                grad_input = (flat @ matrix).unflatten(0, grad_current.shape[:2])
+                grad_input = linear(flat, matrix.t()).unflatten(0, grad_current.shape[:2])
             if needs_weight and known is None:
-                grad_weight = flat.t() @ spikes.flatten(0, 1)
+                grad_weight = linear(flat.t(), spikes.flatten(0, 1).t())
             elif needs_weight:
                 grad_weight = native.weight_gradient(Events(spikes, *known), grad_current, index)
             grad_inputs.append(grad_input)

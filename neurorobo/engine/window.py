@@ -14,6 +14,7 @@ from neurorobo.engine.checked import CheckedWeights
 from neurorobo.engine.events import Population, is_native, run_events, way_back
 from neurorobo.engine.kernels import kernels
 from neurorobo.neurons import LIF, Neuron
+from neurorobo.synapses.product import linear
 
 
 def run_window(
@@ -117,7 +118,7 @@ def run_steps(
     before, spikes = state.shape, []
     for now in current.unbind():
         if recurrent_weight is not None and fired is not None:
-            now = torch.addmm(now, fired, recurrent_weight.t())
+            now = now + linear(fired, recurrent_weight)
         fired, state = neuron.step(now, state)
         if fired.shape != now.shape or state.shape != before:
             raise ValueError(
@@ -151,7 +152,7 @@ class _Window(torch.autograd.Function):
         before = potential
         for now, spiking in zip(current, spikes, strict=True):
             if recurrent_weight is not None:
-                now.addmm_(fired, recurrent_weight.t())
+                now.add_(linear(fired, recurrent_weight))
             torch.lt(before, threshold, out=kept)
             now.add_(kept.mul_(before).mul_(neuron.decay))  # rounded twice, on every processor alike
             if neuron.rectify:
@@ -177,7 +178,7 @@ class _Window(torch.autograd.Function):
             """Return the gradient of a potential: through its spikes, and through the next step's current."""
             if later is not None:
                 if recurrent_weight is not None:
-                    grad_fired = torch.addmm(grad_fired, later, recurrent_weight)
+                    grad_fired = linear(later, recurrent_weight.t()).add_(grad_fired)
                 if neuron.reset_gradient == "full":
                     grad_fired = torch.addcmul(grad_fired, potential, later, value=-neuron.decay)
             grad = neuron.surrogate.derivative(potential - threshold).mul_(grad_fired)
@@ -203,5 +204,5 @@ class _Window(torch.autograd.Function):
             grad_potential = through(potential, zero.expand_as(potential), later)
         if needs_recurrent and recurrent_weight is not None:
             fired = torch.cat([potential.unsqueeze(0), potentials[:-1]]) >= threshold
-            grad_recurrent = grad_current.flatten(0, 1).t() @ fired.flatten(0, 1).to(grad_current.dtype)
+            grad_recurrent = linear(grad_current.flatten(0, 1).t(), fired.flatten(0, 1).to(grad_current.dtype).t())
         return grad_current, grad_potential, grad_threshold, grad_recurrent, None

@@ -5,7 +5,8 @@ from typing import Literal
 
 import torch
 from torch import Tensor, nn
-from torch.nn import functional
+
+from neurorobo.synapses.product import linear
 
 Sign = Literal["excitatory", "inhibitory"]
 
@@ -42,7 +43,7 @@ class Projection(nn.Module, ABC):
         """Turn spikes (..., sources) into currents (..., targets); a ValueError if there are more or fewer sources."""
         if spikes.shape[-1] != self.sources:
             raise ValueError(f"a projection of {self.sources} sources was given the spikes of {spikes.shape[-1]}")
-        return functional.linear(spikes, self.matrix())
+        return linear(spikes, self.matrix())
 
     @torch.no_grad()
     def constrain(self) -> None:
