@@ -75,17 +75,17 @@ class CheckedWeights:
                 raise ValueError(f"{name} lies in 0..{sources - 1}, got {index[tuple(place)].item()} at {place}")
             self._keep(name, index, None)
 
-    def packed(self, name: str, weight: Tensor, kernels: Kernels, *, as_bytes: bool) -> Packed:
+    def packed(self, name: str, weight: Tensor, kernels: Kernels, *, narrow: bool) -> Packed:
         """Return the weights (targets, sources) as the kernels want them; raises as :meth:`check` does.
 
-        ``as_bytes`` asks to see whether they fit into bytes, which is not worth its time for weights in training.
+        ``narrow`` asks to see whether they fit into fewer bits, which is not worth its time for weights in training.
         """
         seen = self._seen.get(name)
-        if seen is not None and seen.packed is not None and seen.is_still(weight) and seen.packed.serves(as_bytes):
+        if seen is not None and seen.packed is not None and seen.is_still(weight) and seen.packed.serves(narrow):
             return seen.packed
         try:
             old = seen.packed if seen is not None and seen.tensor is weight else None
-            packed = kernels.pack_weights(weight, old, as_bytes=as_bytes)
+            packed = kernels.pack_weights(weight, old, narrow=narrow)
         except ValueError as error:
             raise ValueError(f"{name}: {error}") from None
         self._keep(name, weight, packed)

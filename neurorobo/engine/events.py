@@ -141,14 +141,14 @@ def _run(
             kept.append(None)
             continue
         if index is None:
-            drives.append(Drive(events, checked.packed(name, weight, native, as_bytes=not training), None))
+            drives.append(Drive(events, checked.packed(name, weight, native, narrow=not training), None))
         else:
             checked.check(name, weight)
             drives.append(Drive(events, Packed(weight.contiguous()), index.contiguous()))
         kept.append(events)
     recurrent = None
     if recurrent_weight is not None:
-        recurrent = checked.packed("recurrent", recurrent_weight, native, as_bytes=not training)
+        recurrent = checked.packed("recurrent", recurrent_weight, native, narrow=not training)
     last = potential.clone().contiguous()
     spikes = native.empty((steps, *last.shape))
     if potentials is None and training:

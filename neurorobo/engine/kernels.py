@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from functools import cache
 from typing import NamedTuple
 
+import numpy
 import torch
 from torch import Tensor
 
@@ -39,18 +40,19 @@ class Events(NamedTuple):
 
 
 class Packed(NamedTuple):
-    """Weights as the kernels want them: floats, or bytes that count multiples of ``unit``, which is 0 with floats.
+    """Weights as the kernels want them: floats of 32 bits, or 8 or 16 ``bits`` that count multiples of a ``unit``.
 
-    ``tried_bytes`` tells of floats that they do not fit into bytes.
+    ``tried_narrow`` tells of floats that they do not fit into fewer bits.
     """
 
     memory: Tensor
+    bits: int = 32
     unit: float = 0.0
-    tried_bytes: bool = False
+    tried_narrow: bool = False
 
-    def serves(self, as_bytes: bool) -> bool:
+    def serves(self, narrow: bool) -> bool:
         """Return whether they are what packing them anew would give."""
-        return bool(self.unit or self.tried_bytes) if as_bytes else not self.unit
+        return self.bits < 32 or self.tried_narrow if narrow else self.bits == 32
 
 
 class Drive(NamedTuple):
@@ -77,10 +79,10 @@ class Kernels:
         self._pack_weights.argtypes = (Pointer, Integer, Integer, Pointer)
         self._packed_size = library.neurorobo_packed_size
         self._packed_size.argtypes = (Integer, Integer)
-        self._pack_bytes = library.neurorobo_pack_bytes
-        self._pack_bytes.argtypes = (Pointer, Integer, Integer, ctypes.c_double, Pointer)
-        self._packed_shorts = library.neurorobo_packed_shorts
-        self._packed_shorts.argtypes = (Integer, Integer)
+        self._pack_narrow = library.neurorobo_pack_narrow
+        self._pack_narrow.argtypes = (Pointer, Integer, Integer, ctypes.c_double, Integer, Pointer)
+        self._narrow_size = library.neurorobo_narrow_size
+        self._narrow_size.argtypes = (Integer, Integer, Integer)
         self._run_window = library.neurorobo_run_window
         self._run_circuit = library.neurorobo_run_circuit
         self._encode = library.neurorobo_encode
@@ -122,23 +124,24 @@ class Kernels:
             raise ValueError(not_a_spike(spikes[step, element, source].item(), step, element, source))
         return Events(words, sources, count)
 
-    def pack_weights(self, weight: Tensor, old: Packed | None = None, *, as_bytes: bool = False) -> Packed:
+    def pack_weights(self, weight: Tensor, old: Packed | None = None, *, narrow: bool = False) -> Packed:
         """Pack weights (targets, sources), into ``old`` if it fits; a ValueError if any is not a finite number.
 
-        With ``as_bytes``, those become bytes that all are small multiples of one power of two.
+        With ``narrow``, those are packed in 8 or 16 bits that all are multiples of one power of two.
         """
         targets, sources = weight.shape
         weight = weight.contiguous()
-        if as_bytes and (unit := _unit(weight)):
-            packed = torch.empty(self._packed_shorts(targets, sources), dtype=torch.int16, device="cpu")
-            if not self._pack_bytes(weight.data_ptr(), targets, sources, unit, packed.data_ptr()):
-                return Packed(packed, unit)
+        if narrow and (grid := _grid(weight)) is not None:
+            unit, bits = grid
+            room = torch.empty(self._narrow_size(targets, sources, bits), dtype=torch.int8, device="cpu")
+            if not self._pack_narrow(weight.data_ptr(), targets, sources, unit, bits, room.data_ptr()):
+                return Packed(room, bits, unit)
         size = self._packed_size(targets, sources)
-        memory = _floats((size,)) if old is None or old.unit or len(old.memory) != size else old.memory
+        memory = _floats((size,)) if old is None or old.bits < 32 or len(old.memory) != size else old.memory
         broken = self._pack_weights(weight.data_ptr(), targets, sources, memory.data_ptr())
         if broken >= 0:
             raise ValueError(not_finite(weight, list(divmod(broken, sources))))
-        return Packed(memory, tried_bytes=as_bytes)
+        return Packed(memory, tried_narrow=narrow)
 
     def run_window(
         self,
@@ -303,8 +306,7 @@ def window_arguments(
         *(
             structures.Projection(
                 structures.Population(drive.events.sources, drive.events.words.data_ptr()),
-                drive.weights.memory.data_ptr(),
-                drive.weights.unit,
+                _weights(drive.weights),
                 _address(drive.source_index),
                 0 if drive.source_index is None else drive.source_index.shape[1],
             )
@@ -317,8 +319,7 @@ def window_arguments(
         neurons=neurons,
         projections=len(drives),
         projection=projections,
-        recurrent=None if recurrent is None else recurrent.memory.data_ptr(),
-        recurrent_unit=0.0 if recurrent is None else recurrent.unit,
+        recurrent=structures.Weights() if recurrent is None else _weights(recurrent),
         threshold=threshold.data_ptr(),
         threshold_stride=int(threshold.numel() > 1),
         decay=neuron.decay,
@@ -326,21 +327,37 @@ def window_arguments(
     )
 
 
+def _weights(packed: Packed) -> structures.Weights:
+    return structures.Weights(packed.memory.data_ptr(), packed.unit, packed.bits)
+
+
 def empty_words(steps: int, batch: int, sources: int) -> Tensor:
     """Return room for the words (steps, batch, words) of so many sources."""
     return torch.empty(steps, batch, (sources + 63) // 64, dtype=torch.int64, device="cpu")
 
 
-def _unit(weight: Tensor) -> float | None:
-    """Return the least power of two of which no weight is more than 127; None if its sums might not be exact."""
-    sources = weight.shape[1]
-    if weight.numel() == 0 or 127 * sources >= 2**24:
+def _grid(weight: Tensor) -> tuple[float, int] | None:
+    """Return the largest power of two that all weights are multiples of, and whether 8 or 16 bits count them.
+
+    None if they do not, or if sums of the weights onto one target might not be exact.
+    """
+    if weight.numel() == 0:
         return None
-    largest = max(abs(extreme.item()) for extreme in weight.detach().aminmax())
+    weight = weight.detach()
+    largest = max(abs(extreme.item()) for extreme in weight.aminmax())
     if not math.isfinite(largest) or largest == 0:
         return None
-    fraction, exponent = math.frexp(largest / 127)
-    return math.ldexp(1.0, exponent - (fraction == 0.5))
+    fraction, exponent = math.frexp(largest / 32767)
+    unit = math.ldexp(1.0, exponent - (fraction == 0.5))
+    multiples = weight / unit
+    whole = multiples.int()
+    if not torch.equal(whole.float(), multiples):
+        return None
+    together = int(numpy.bitwise_or.reduce(whole.numpy(), axis=None))
+    unit *= together & -together
+    if weight.abs().sum(1, dtype=torch.float64).max() >= 2**24 * unit:
+        return None
+    return unit, 8 if largest <= 127 * unit else 16
 
 
 def not_a_spike(value: float, step: int, element: int, source: int) -> str:

@@ -3,14 +3,14 @@
  * Plain C without headers of Python or torch; `kernels.py` calls it, and checks all arguments before. The file is built
  * once for each instruction set; the tile is the only thing that differs. Every sum has one order, whatever the
  * instruction set, the number of threads, the batch and the division of a window: sources ascend, one by one or, of
- * weights packed as bytes, in groups of 256 that are exact. Products and sums
- * are rounded apart (-ffp-contract=off), so that all builds give the same bits.
+ * narrow weights, in groups that are exact. Products and sums are rounded apart (-ffp-contract=off), so that all builds
+ * give the same bits.
  *
  * Spikes come as bits: a row of 64-bit words for each step and batch element, source s in bit s % 64 of word s / 64.
  * A layer's currents are then sums of those rows of its weights that the bits select. Weights are packed in tiles of
  * neighbouring targets, (tile, sources, targets of the tile), so that a row of a tile fits into registers: as floats, or
- * as bytes if all are small multiples of one power of two. A weight gradient is the same sum with the roles exchanged:
- * rows of current gradients, selected by the bits of one source.
+ * in 8 or 16 bits if all are small multiples of one power of two. A weight gradient is the same sum with the roles
+ * exchanged: rows of current gradients, selected by the bits of one source.
  */
 
 #define _DEFAULT_SOURCE /* for madvise */
@@ -43,9 +43,10 @@ enum {
     VECTORS = 8, /* the accumulators of one row of a tile; they stay in registers */
     TILE = VECTORS * LANES,
     WORD = 64,       /* sources in one word */
-    SHORTS = VECTOR_BYTES / 2, /* 16-bit numbers in one vector */
-    BYTES = 2 * SHORTS, /* weights in bytes that are added up together */
-    BYTE_WORDS = 4,     /* words of sources whose sums stay within 16 bits: 4 * 64 * 255 < 2^16 */
+    SHORTS = VECTOR_BYTES / 2, /* numbers of 16 bits in one vector */
+    BYTES = VECTOR_BYTES,      /* the most weights in one vector */
+    BYTE_WORDS = 4,  /* words of sources whose bytes add up to what 16 bits hold: 4 * 64 * 255 < 2^16 */
+    SHORT_WORDS = 2, /* words of sources whose tile of shorts stays in the cache nearest to the processor */
     LINE = 16,       /* floats in one line of the cache */
     ROWS = 64,       /* rows (steps x batch elements) of a block; its sums stay in the cache nearest to the processor */
     COLUMNS = 256,   /* neurons that a scan takes at once on the way back */
@@ -55,7 +56,9 @@ enum {
 
 typedef float vector __attribute__((vector_size(VECTOR_BYTES), aligned(4), may_alias));
 typedef int16_t shorts __attribute__((vector_size(VECTOR_BYTES), aligned(2), may_alias));
-typedef uint16_t wrapping __attribute__((vector_size(VECTOR_BYTES), aligned(2), may_alias)); /* may overflow */
+typedef uint16_t wrapping_shorts __attribute__((vector_size(VECTOR_BYTES), aligned(2), may_alias)); /* may overflow */
+typedef int32_t integers __attribute__((vector_size(VECTOR_BYTES), aligned(4), may_alias));
+typedef uint32_t wrapping_integers __attribute__((vector_size(VECTOR_BYTES), aligned(4), may_alias));
 
 #define INLINE static inline __attribute__((always_inline))
 
@@ -235,30 +238,37 @@ int64_t neurorobo_pack_weights(const float *weights, int64_t targets, int64_t so
 /* Return how many floats packed weights take. */
 int64_t neurorobo_packed_size(int64_t targets, int64_t sources) { return pieces(targets, LANES) * LANES * sources; }
 
-/* Return how many numbers of 16 bits weights take that are packed as bytes. */
-int64_t neurorobo_packed_shorts(int64_t targets, int64_t sources) {
-    return pieces(targets, BYTES) * SHORTS * sources;
+/* Return how many bytes weights of 8 or 16 bits take. */
+int64_t neurorobo_narrow_size(int64_t targets, int64_t sources, int64_t bits) {
+    return pieces(targets, VECTOR_BYTES * 8 / bits) * VECTOR_BYTES * sources;
 }
 
-/* Pack weights (targets, sources) as multiples of a unit, two to a number: of neighbours n and n + SHORTS the first, with
- * 128 added, is its low byte and the second its high one. Returns 0, or 1 if one is no multiple from -127 to 127. */
-int64_t neurorobo_pack_bytes(const float *weights, int64_t targets, int64_t sources, double unit, int16_t *packed) {
-    float inverse = (float)(1 / unit);
+/* Pack weights (targets, sources) as multiples of a unit of 8 or 16 bits, two to a number: of neighbours n and n + (the
+ * numbers in a vector) the first, made positive, is its lower half and the second its higher one. Returns 0, or 1 if one
+ * is no multiple that fits. */
+int64_t neurorobo_pack_narrow(const float *weights, int64_t targets, int64_t sources, double unit, int64_t bits,
+                              void *packed) {
+    int64_t numbers = VECTOR_BYTES * 4 / bits;
+    int32_t most = (1 << (bits - 1)) - 1;
+    float inverse = (float)(1 / unit), largest = (float)most;
     for (int64_t first = 0; first < targets; first += TILE) {
-        int64_t count = least(TILE, targets - first), width = pieces(count, BYTES) * SHORTS;
-        for (int64_t i = 0; i < sources * width; i++) packed[i] = 128;
-        for (int64_t n = 0; n < count; n++) {
-            const float *row = weights + (first + n) * sources;
-            int16_t *column = packed + n / BYTES * SHORTS + n % SHORTS, place = n % BYTES < SHORTS ? 1 : 256;
+        int64_t count = least(TILE, targets - first), width = pieces(count, 2 * numbers) * numbers;
+        for (int64_t i = 0; i < width; i++) {
+            int64_t low = i / numbers * 2 * numbers + i % numbers, high = low + numbers;
             for (int64_t s = 0; s < sources; s++) {
-                float multiple = row[s] * inverse;
-                if (!(multiple >= -127.0f && multiple <= 127.0f)) return 1;
-                int whole = (int)multiple;
-                if ((float)whole != multiple) return 1;
-                column[s * width] = (int16_t)(column[s * width] + whole * place);
+                float below = low < count ? weights[(first + low) * sources + s] * inverse : 0.0f;
+                float above = high < count ? weights[(first + high) * sources + s] * inverse : 0.0f;
+                if (!(below >= -largest && below <= largest && above >= -largest && above <= largest)) return 1;
+                int32_t whole_below = (int32_t)below, whole_above = (int32_t)above;
+                if ((float)whole_below != below || (float)whole_above != above) return 1;
+                int32_t both = whole_above * (1 << bits) + whole_below + most + 1;
+                int64_t at = sources * first / 2 + s * width + i;
+                if (bits == 8)
+                    ((int16_t *)packed)[at] = (int16_t)both;
+                else
+                    ((int32_t *)packed)[at] = both;
             }
         }
-        packed += sources * width;
     }
     return 0;
 }
@@ -314,14 +324,14 @@ INLINE void add_bytes_of(float *sums, int64_t stride, int64_t rows, const uint64
         for (int64_t r = 0; r < rows; r++) {
             const int16_t *next = tile + size + r * lines * 2 * LINE, *piece = tile;
             for (int64_t i = 0; i < lines && w + BYTE_WORDS < row_words; i++) __builtin_prefetch(next + i * 2 * LINE);
-            wrapping both[VECTORS / 4] = {{0}};
+            wrapping_shorts both[VECTORS / 4] = {{0}};
             shorts high[VECTORS / 4] = {{0}};
             int events = 0;
             for (int64_t v = w; v < least(w + BYTE_WORDS, row_words); v++, piece += WORD * width)
                 for (uint64_t word = words[r][v]; word; word &= word - 1, events++) {
                     const shorts *row = (const shorts *)(piece + __builtin_ctzll(word) * width);
                     for (int i = 0; i < vectors; i++) {
-                        both[i] += (wrapping)row[i];
+                        both[i] += (wrapping_shorts)row[i];
                         high[i] += row[i] >> 8;
                     }
                 }
@@ -335,12 +345,52 @@ INLINE void add_bytes_of(float *sums, int64_t stride, int64_t rows, const uint64
         }
 }
 
+/* The same with a tile of shorts, in numbers of four bytes. */
+INLINE void add_shorts_of(float *sums, int64_t stride, int64_t rows, const uint64_t *const *words, int64_t row_words,
+                          const int32_t *tile, float unit, int cold, const int vectors) {
+    int64_t width = vectors * LANES, size = SHORT_WORDS * WORD * width;
+    int64_t lines = cold && rows > 1 ? pieces(size, rows * LINE) : 0;
+    for (int64_t w = 0; w < row_words; w += SHORT_WORDS, tile += size)
+        for (int64_t r = 0; r < rows; r++) {
+            const int32_t *next = tile + size + r * lines * LINE, *piece = tile;
+            for (int64_t i = 0; i < lines && w + SHORT_WORDS < row_words; i++) __builtin_prefetch(next + i * LINE);
+            wrapping_integers both[VECTORS / 2] = {{0}};
+            integers high[VECTORS / 2] = {{0}};
+            int events = 0;
+            for (int64_t v = w; v < least(w + SHORT_WORDS, row_words); v++, piece += WORD * width)
+                for (uint64_t word = words[r][v]; word; word &= word - 1, events++) {
+                    const integers *row = (const integers *)(piece + __builtin_ctzll(word) * width);
+                    for (int i = 0; i < vectors; i++) {
+                        both[i] += (wrapping_integers)row[i];
+                        high[i] += row[i] >> 16;
+                    }
+                }
+            float *sum = sums + r * stride;
+            for (int i = 0; i < vectors; i++)
+                for (int n = 0; n < LANES; n++) {
+                    uint32_t low = both[i][n] - (uint32_t)high[i][n] * 65536u;
+                    sum[i * 2 * LANES + n] += unit * (float)((int32_t)low - 32768 * events);
+                    sum[i * 2 * LANES + LANES + n] += unit * (float)high[i][n];
+                }
+        }
+}
+
 static void add_bytes(float *sums, int64_t stride, int64_t rows, const uint64_t *const *words, int64_t row_words,
                       const int16_t *tile, float unit, int cold, int64_t vectors) {
     if (vectors == 1)
         add_bytes_of(sums, stride, rows, words, row_words, tile, unit, cold, 1);
     else
         add_bytes_of(sums, stride, rows, words, row_words, tile, unit, cold, VECTORS / 4);
+}
+
+static void add_shorts(float *sums, int64_t stride, int64_t rows, const uint64_t *const *words, int64_t row_words,
+                       const int32_t *tile, float unit, int cold, int64_t vectors) {
+    switch (vectors) {
+    case 1: add_shorts_of(sums, stride, rows, words, row_words, tile, unit, cold, 1); break;
+    case 2: add_shorts_of(sums, stride, rows, words, row_words, tile, unit, cold, 2); break;
+    case 3: add_shorts_of(sums, stride, rows, words, row_words, tile, unit, cold, 3); break;
+    default: add_shorts_of(sums, stride, rows, words, row_words, tile, unit, cold, VECTORS / 2); break;
+    }
 }
 
 /* ---- One window of a layer ---- */
@@ -351,9 +401,14 @@ typedef struct {
 } population;
 
 typedef struct {
+    const void *memory; /* packed */
+    double unit;        /* what is counted with 8 or 16 bits */
+    int64_t bits;       /* 32 are floats */
+} weights;
+
+typedef struct {
     population from;
-    const void *weights;  /* packed, as floats or bytes; or floats (targets, fan_in) */
-    double unit;          /* what a byte counts; 0 if the weights are floats */
+    weights weights;      /* or, if there is an index, floats (targets, fan_in) */
     const int64_t *index; /* the sources (targets, fan_in); NULL if all */
     int64_t fan_in;
 } projection;
@@ -363,8 +418,7 @@ typedef struct {
     const float *current; /* (steps, batch, neurons) that the projections add to, or NULL */
     int64_t projections;
     const projection *projection;
-    const void *recurrent;    /* packed, or NULL */
-    double recurrent_unit;
+    weights recurrent;        /* without memory if there are none */
     uint64_t *fired;          /* (steps + 1, batch, words), the first row of before the window; NULL if not recurrent
                                  and not asked for */
     const float *threshold;   /* one, or one per neuron */
@@ -411,7 +465,7 @@ static void add_fan_in(float *sums, int64_t rows, const projection *p, const flo
             vector total[ROWS / LANES] = {{0}};
             for (int64_t j = 0; j < p->fan_in; j++) {
                 int64_t synapse = (first + i + n) * p->fan_in + j;
-                float weight = ((const float *)p->weights)[synapse];
+                float weight = ((const float *)p->weights.memory)[synapse];
                 const vector *lanes = (const vector *)(expanded + p->index[synapse] * ROWS);
                 for (int v = 0; v < ROWS / LANES; v++) total[v] += weight * lanes[v];
             }
@@ -455,14 +509,18 @@ INLINE void scan_of(const window *w, const block *k, const float *sums, const fl
 }
 
 /* Add the currents of all sources of a tile's neurons, from `first` on, to the sums of the rows. */
-static void add_dense(float *sums, int64_t rows, const uint64_t *const *words, int64_t sources, const void *weights,
-                      double unit, int64_t first, int64_t count, int cold) {
+static void add_dense(float *sums, int64_t rows, const uint64_t *const *words, int64_t sources, const weights *from,
+                      int64_t first, int64_t count, int cold) {
     int64_t row_words = pieces(sources, WORD), at = sources * first;
-    if (unit > 0)
-        add_bytes(sums, TILE, rows, words, row_words, (const int16_t *)weights + at / 2, (float)unit, cold,
+    float unit = (float)from->unit;
+    if (from->bits == 8)
+        add_bytes(sums, TILE, rows, words, row_words, (const int16_t *)from->memory + at / 2, unit, cold,
                   pieces(count, BYTES));
+    else if (from->bits == 16)
+        add_shorts(sums, TILE, rows, words, row_words, (const int32_t *)from->memory + at / 2, unit, cold,
+                   pieces(count, SHORTS));
     else
-        add_events(sums, TILE, rows, words, row_words, (const float *)weights + at, cold, pieces(count, LANES));
+        add_events(sums, TILE, rows, words, row_words, (const float *)from->memory + at, cold, pieces(count, LANES));
 }
 
 /* Run the neurons of one tile through one block. */
@@ -485,11 +543,11 @@ static void run_block(const window *w, const block *k, int64_t tile, const float
             continue;
         }
         for (int64_t r = 0; r < rows; r++) words[r] = from->from.words + row_of(w, k, r) * pieces(from->from.sources, WORD);
-        add_dense(sums, rows, words, from->from.sources, from->weights, from->unit, first, count, cold);
+        add_dense(sums, rows, words, from->from.sources, &from->weights, first, count, cold);
     }
-    if (w->recurrent) { /* row t of `fired` is of the step before */
+    if (w->recurrent.memory) { /* row t of `fired` is of the step before */
         for (int64_t r = 0; r < rows; r++) words[r] = w->fired + row_of(w, k, r) * pieces(w->neurons, WORD);
-        add_dense(sums, rows, words, w->neurons, w->recurrent, w->recurrent_unit, first, count, cold);
+        add_dense(sums, rows, words, w->neurons, &w->recurrent, first, count, cold);
     }
     if (w->threshold_stride)
         memcpy(threshold, w->threshold + first, (size_t)count * sizeof(float));
@@ -539,10 +597,10 @@ int64_t neurorobo_run_window(const window *w) {
     for (int64_t p = 0; p < w->projections; p++)
         if (w->projection[p].index) d.room += w->projection[p].from.sources * ROWS;
     int64_t all = pieces(w->neurons, TILE), row_words = pieces(w->neurons, WORD);
-    if (w->recurrent || d.room) d.tiles = all; /* else a tile's weights stay in the cache from block to block */
-    d.chunk = w->recurrent ? 1 : least(w->steps, ROWS);
-    d.group = w->recurrent ? RECURRENT : ROWS / d.chunk;
-    if (w->recurrent)
+    if (w->recurrent.memory || d.room) d.tiles = all; /* else a tile's weights stay in the cache from block to block */
+    d.chunk = w->recurrent.memory ? 1 : least(w->steps, ROWS);
+    d.group = w->recurrent.memory ? RECURRENT : ROWS / d.chunk;
+    if (w->recurrent.memory)
         for (int64_t b = 0; b < w->batch; b++)
             for (int64_t n = 0; n < w->neurons; n++) {
                 uint64_t *word = w->fired + b * row_words + n / WORD;
@@ -616,7 +674,7 @@ int64_t neurorobo_run_circuit(const circuit *c) {
             return 4;
     for (stage *s = c->stage; s < c->stage + c->stages; s++) {
         window *w = &s->window;
-        int64_t work = w->recurrent ? rows * w->neurons * w->neurons / 8 : 0;
+        int64_t work = w->recurrent.memory ? rows * w->neurons * w->neurons / 8 : 0;
         for (int64_t p = 0; p < w->projections; p++) {
             const population *from = &w->projection[p].from;
             const reading *reading = &s->reading[p];

@@ -257,7 +257,7 @@ def _weights(
         if parameter is None or not is_native(parameter):
             return None
         if type(module) is Dense:
-            ready[name] = checked.packed(name, parameter, native, as_bytes=True)
+            ready[name] = checked.packed(name, parameter, native, narrow=True)
         elif module is layer or type(module) is FanIn:
             checked.check(name, parameter)
             ready[name] = Packed(parameter.detach().contiguous())

@@ -12,13 +12,18 @@ class Population(ctypes.Structure):
     _fields_ = (("sources", Integer), ("words", Pointer))
 
 
+class Weights(ctypes.Structure):
+    """Packed weights: multiples of a unit of 8 or 16 bits, or 32-bit floats."""
+
+    _fields_ = (("memory", Pointer), ("unit", ctypes.c_double), ("bits", Integer))
+
+
 class Projection(ctypes.Structure):
     """What reads a population, with its weights."""
 
     _fields_ = (
         ("source", Population),
-        ("weights", Pointer),
-        ("unit", ctypes.c_double),
+        ("weights", Weights),
         ("index", Pointer),
         ("fan_in", Integer),
     )
@@ -35,8 +40,7 @@ class Window(ctypes.Structure):
         ("current", Pointer),
         ("projections", Integer),
         ("projection", ctypes.POINTER(Projection)),
-        ("recurrent", Pointer),
-        ("recurrent_unit", ctypes.c_double),
+        ("recurrent", Weights),
         ("fired", Pointer),
         ("threshold", Pointer),
         ("threshold_stride", Integer),

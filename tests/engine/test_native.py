@@ -230,37 +230,59 @@ def test_neither_threads_nor_the_instruction_set_change_a_bit(kind: str, monkeyp
             assert torch.equal(tensor, other[name]), name
 
 
-def packed_unit(weight: Tensor) -> float:
+def packed(weight: Tensor) -> tuple[int, float]:
+    """How many bits count each weight, and what they count."""
     native = kernels.kernels()
     assert native is not None
-    return native.pack_weights(weight, as_bytes=True).unit
+    found = native.pack_weights(weight, narrow=True)
+    return found.bits, found.unit
 
 
-def test_weights_are_packed_as_bytes_only_if_all_of_them_are_small_multiples_of_one_number() -> None:
+def test_weights_are_packed_narrow_only_if_all_of_them_are_small_multiples_of_one_number() -> None:
     weight = torch.randint(-127, 128, (143, 300), generator=generator()).float()
-    weight[7, 9] = 127
+    weight[7, 8:10] = torch.tensor([1.0, 127.0])
     for scale in (2.0**-9, 1.0, 2.0**60):
-        assert packed_unit(weight * scale) == scale
-    assert packed_unit(weight / 3) == 0
-    for value in (128.0, -128.0, 0.5, 1e-30, 1e30):
+        assert packed(weight * scale) == (8, scale)
+        assert packed(weight * scale * 200) == (16, scale * 8)
+    assert packed(weight / 3) == (32, 0)
+    for value, expected in (
+        (128.0, (16, 1)),
+        (-32767.0, (16, 1)),
+        (0.5, (16, 0.5)),
+        (2.0**-8, (16, 2.0**-8)),
+        (2.0**-9, (32, 0)),
+        (32768.0, (32, 0)),
+        (1e-30, (32, 0)),
+        (1e30, (32, 0)),
+    ):
         weight[100, 200] = value
-        assert packed_unit(weight) == 0
-    assert packed_unit(torch.zeros(3, 4)) == 0
-    assert packed_unit(torch.ones(1, 2**24 // 127)) == 2.0**-6
-    assert packed_unit(torch.ones(1, 2**24 // 127 + 1)) == 0  # their sum could leave the 24 bits of a float
+        assert packed(weight) == expected, value
+    assert packed(torch.zeros(3, 4)) == (32, 0)
+    assert packed(torch.full((3, 4), 40000.0)) == (16, 64)
+    assert packed(torch.full((3, 4), 40960.0)) == (8, 8192)
 
 
-@pytest.mark.parametrize("sources", [1, 64, 65, 255, 256, 257, 700])
+def test_weights_whose_sum_could_leave_the_bits_of_a_float_are_not_packed_narrow() -> None:
+    weight = torch.full((2, 2**24 // 127), 127.0)
+    weight[0] = 0
+    weight[:, 0] = 1
+    assert packed(weight) == (8, 1)
+    assert packed(torch.cat([weight, weight[:, -3:]], dim=1)) == (32, 0)
+
+
+@pytest.mark.parametrize("bits", [8, 16])
+@pytest.mark.parametrize("sources", [1, 64, 65, 127, 128, 129, 255, 256, 257, 500])
 @torch.no_grad()
-def test_no_sum_of_bytes_runs_over(sources: int) -> None:
-    """At most 256 of them are added up in 16 bits: here all of the largest, of either sign and mixed."""
+def test_no_sum_of_narrow_weights_runs_over(sources: int, bits: int) -> None:
+    """Here all of the largest, of either sign and mixed."""
     signs = torch.tensor([[1.0], [-1.0]]).repeat(72, 1)[:143].expand(143, sources).clone()
     signs[::3, ::2] *= -1
     layer = Layer([Dense(sources, 143, generator())], LIF(threshold=1.0, decay=0.5))
-    layer.projections[0].weight.copy_(signs * 127 / 4096)
-    assert packed_unit(layer.projections[0].weight) == 2.0**-12
-    for rate in (1.0, 0.6):
-        inputs, state = [spikes(70, 2, sources, rate)], torch.zeros(2, 143)
+    layer.projections[0].weight.copy_(signs * (2 ** (bits - 1) - 1) / 4096)
+    layer.projections[0].weight[0, 0] = 1 / 4096
+    assert packed(layer.projections[0].weight) == (bits, 2.0**-12)
+    for rate, steps in ((1.0, 70), (0.6, 70), (1.0, 1)):
+        inputs, state = [spikes(steps, 2, sources, rate)], torch.zeros(2, 143)
         for instructions in instruction_sets():
             with engine("native", instructions):
                 found, last = copy.deepcopy(layer)(inputs, state)
@@ -508,15 +530,17 @@ def shapes(draw: st.DrawFn) -> Shape:
     )
 
 
-@given(shape=shapes(), rate=st.sampled_from([0.0, 0.1, 0.5, 0.9]), coarse=st.booleans())
+@given(shape=shapes(), rate=st.sampled_from([0.0, 0.1, 0.5, 0.9]), bits=st.sampled_from([8, 16, 32]))
 @settings(max_examples=int(os.environ.get("NEUROROBO_FUZZ", "40")))
-def test_all_shapes_agree_with_the_reference(shape: Shape, rate: float, coarse: bool) -> None:
+def test_all_shapes_agree_with_the_reference(shape: Shape, rate: float, bits: int) -> None:
     neuron = LIF(surrogate=Surrogate("arctan"), rectify=shape.rectify)
     layer = build(shape.sources, shape.neurons, neuron, recurrent=shape.recurrent, thresholds=shape.thresholds)
-    if coarse:  # weights that are packed as bytes
-        with torch.no_grad():
+    with torch.no_grad():
+        if bits == 8:
             for parameter in layer.parameters():
                 parameter.copy_(to_grid(parameter, 4))
+        if bits == 32:
+            layer.projections[0].weight.view(-1)[0] += 16
     sources = [s[0] if isinstance(s, tuple) else s for s in shape.sources]
     inputs = [spikes(shape.steps, shape.batch, n, rate, seed) for seed, n in enumerate(sources)]
     state = to_grid(torch.rand(shape.batch, shape.neurons, generator=generator(2)), 12)

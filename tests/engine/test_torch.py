@@ -94,7 +94,7 @@ def test_tracing_and_exporting_are_refused_by_name(path: str, trace: Callable[..
 
 @warns_of_itself
 def test_scripting_is_refused_by_torch_which_names_the_module(path: str) -> None:
-    with pytest.raises(RuntimeError, match="Layer|Dense"):
+    with pytest.raises(RuntimeError, match=r"Layer|Dense"):
         torch.jit.script(layer())
 
 
