@@ -33,6 +33,7 @@ from torch import Tensor
 
 import neurorobo
 from neurorobo.engine import engine_path
+from neurorobo.synapses.product import linear
 
 ROOT = Path(__file__).resolve().parents[2]
 LATEST = Path(__file__).with_name("latest.json")
@@ -161,7 +162,8 @@ def _training_MB(module: Implementation, inputs: Sequence[Tensor]) -> float | No
 def _products(network: Network, rows: int, *, training: bool) -> Callable[[], None]:
     """Return what computes a network's matrix products of so many rows; a fan-in counts as so many sources.
 
-    A training step has two more of each: for the gradients of the weights, and of what is not an input.
+    By whichever of torch's libraries is the faster one. A training step has two more of each: for the gradients of the
+    weights, and of what is not an input.
     """
     products = []
     for population in network.populations:
@@ -169,16 +171,16 @@ def _products(network: Network, rows: int, *, training: bool) -> Callable[[], No
         for weight, needs_gradient in ((population.weight, not is_first), (population.recurrent, True)):
             if weight is not None:
                 spikes, currents = torch.ones(rows, weight.shape[1]), torch.ones(rows, len(weight))
-                products.append((spikes, weight.t(), torch.empty_like(currents)))
+                products.append((spikes, weight))
                 if training:
-                    products.append((currents.t(), spikes, torch.empty_like(weight)))
+                    products.append((currents.t(), spikes.t()))
                 if training and needs_gradient:
-                    products.append((currents, weight, torch.empty_like(spikes)))
+                    products.append((currents, weight.t()))
 
     @torch.inference_mode()
     def once() -> None:
-        for left, right, out in products:
-            torch.mm(left, right, out=out)
+        for left, right in products:
+            linear(left, right)
 
     return once
 
@@ -237,7 +239,7 @@ def publish(found: dict[str, Any]) -> None:
 def engine() -> dict[str, str]:
     """Return what tells one engine from another: its version, and a hash of all its source."""
     folder = ROOT / "neurorobo" / "engine"
-    files = sorted([*folder.glob("*.py"), folder / "native.c"])
+    files = sorted([*folder.glob("*.py"), folder / "native.c", ROOT / "neurorobo" / "synapses" / "product.py"])
     source = hashlib.sha256(b"\0".join(file.read_bytes() for file in files)).hexdigest()
     return {"version": neurorobo.__version__, "source": source[:16]}
 

@@ -113,6 +113,16 @@ class NativeBf16(Native):
             matmul.fp32_precision = before
 
 
+class NativeFloats(Native):
+    """The same as if the weights lay on no grid: they are not packed in fewer bits."""
+
+    workloads = ("b1", "b256")
+
+    def around(self) -> AbstractContextManager[object]:
+        """Keep the kernels from finding a grid."""
+        return mock.patch("neurorobo.engine.kernels._grid", lambda weight: None)
+
+
 class Portable(Native):
     """The same without the native library."""
 
@@ -397,6 +407,7 @@ def _arctan(potential: Tensor, threshold: Tensor) -> Tensor:
 IMPLEMENTATIONS: dict[str, type[Implementation]] = {
     "neurorobo, native": Native,
     "neurorobo, native, bf16": NativeBf16,
+    "neurorobo, native, floats": NativeFloats,
     "neurorobo, portable": Portable,
     "snnTorch": SnnTorch,
     "snnTorch, compiled": SnnTorchCompiled,

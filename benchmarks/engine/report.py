@@ -8,11 +8,12 @@ from chart import COLOURS, GREY, Axis, dot, grid, legend, line, svg, text
 
 START, END = "<!-- speed: python benchmarks/engine/compare.py -->", "<!-- end of speed -->"
 DENSE, READING = "floor, dense product", "floor, weights read once"
-NATIVE, BF16, PORTABLE = "neurorobo, native", "neurorobo, native, bf16", "neurorobo, portable"
+NATIVE, PORTABLE = "neurorobo, native", "neurorobo, portable"
+VARIANTS = {variant: f"{NATIVE}, {variant}" for variant in ("bf16", "floats")}
 LOOP, LAYERED = "snnTorch, stepwise", "snnTorch"
 COLUMNS = {
     "native": (NATIVE,),
-    "native, bf16": (BF16,),
+    "native, bf16": (VARIANTS["bf16"],),
     "portable": (PORTABLE,),
     "snnTorch": (LAYERED, LOOP),
     "snnTorch compiled": ("snnTorch, compiled", "snnTorch, stepwise, compiled"),
@@ -40,7 +41,8 @@ WANTED_OF_PEERS = {"b1": 3.0, "b256": 3.0, "train": 1.5}
 EXPLANATION = """\
 H, P and C are the networks of hippocampus, prefrontal cortex and cerebellum: with random weights and spikes, or as they
 are shipped, on the spikes of recorded insertions. Firing rates are those of inputs, hidden neurons and outputs. A
-window has 50 steps; training is one step with Adam, and *bf16* rounds what goes into its matrix products. *snnTorch* is
+window has 50 steps; training is one step with Adam, and *bf16* rounds what goes into its matrix products. Weights lie
+on a grid, which lets the native path pack them in 8 or 16 bits; *floats* are the same weights without. *snnTorch* is
 its loop over the steps / the same layer by layer; *fastest peer* is of all, compiled ones included. The ratios are to
 these three; in brackets what is wanted."""
 
@@ -107,7 +109,7 @@ def _misses(group: Group) -> Iterator[str]:
         if ours == NATIVE and to_peer is not None and to_peer < (wanted := WANTED_OF_PEERS[group.workload]):
             yield f"{ours} is {to_peer:.4g} times as fast as {_peer_name(group)}, wanted {wanted:g}"
     snntorch = [row["memory_MB"] for name in (LOOP, LAYERED) if (row := group.rows.get(name)) and row["memory_MB"]]
-    for ours in (NATIVE, PORTABLE, BF16):
+    for ours in (NATIVE, PORTABLE, *VARIANTS.values()):
         row = group.rows.get(ours, {})
         if snntorch and (row.get("memory_MB") or 0) >= min(snntorch):
             yield f"{ours} takes {row['memory_MB']:g} MB, wanted less than snnTorch's {min(snntorch):g}"
@@ -155,14 +157,15 @@ def _table(single: Sequence[Group]) -> str:
     for one in single:
         first = next(iter(one.rows.values()))
         workload = WORKLOADS[one.workload] + (f", batch {first['batch']}" if one.workload == "train" else "")
-        bf16 = one.ms(BF16)
+        native = [_short(one.ms(NATIVE))]
+        native += [f"{variant} {_short(ms)}" for variant, name in VARIANTS.items() if (ms := one.ms(name)) is not None]
         peer = one.fastest_peer()
         cells = [
             one.network,
             one.inputs,
             ", ".join(f"{first['firing_rate'][where]:.2f}" for where in ("input", "hidden", "output")),
             workload,
-            _short(one.ms(NATIVE)) + ("" if bf16 is None else f", bf16 {_short(bf16)}"),
+            ", ".join(native),
             _short(one.ms(PORTABLE)),
             f"{_short(one.ms(LOOP))} / {_short(one.ms(LAYERED))}",
             "-" if peer is None else f"{_short(_median(peer))} ({_peer_name(one)})",
