@@ -13,6 +13,7 @@ import sweeps
 import timing
 import torch
 from implementations import IMPLEMENTATIONS, Implementation, Native, Portable
+from machine import machine
 from networks import Network, random_networks, run
 from shipped import shipped_networks
 
@@ -160,7 +161,7 @@ def test_a_file_is_read_as_it_was_written(tmp_path: Path) -> None:
 
 def test_figures_of_another_machine_are_not_gone_on_with(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(compare, "UNFINISHED", tmp_path / "unfinished.json")
-    found = {"engine": compare.engine(), "machine": timing.machine(), "rows": [row("Norse", 1.0)]}
+    found = {"engine": compare.engine(), "machine": machine(), "rows": [row("Norse", 1.0)]}
     with pytest.raises(SystemExit, match="nothing to resume"):
         compare.resumed(found)
     compare.write(found, compare.UNFINISHED)

@@ -28,6 +28,9 @@ from neurorobo.experiment.recorder import Recorder, Sample, Setting
 from neurorobo.experiment.summary import summarise
 from neurorobo.experiment.weights import weights_file
 
+sys.path.append(str(Path(__file__).resolve().parents[1]))
+from machine import processor
+
 ROOT = Path(__file__).resolve().parents[2]
 LATEST = Path(__file__).with_name("latest.json")
 SEEDS = range(100)
@@ -143,12 +146,9 @@ def fingerprints(experiment: Experiment) -> dict[str, str]:
 
 def machine() -> dict[str, Any]:
     """Return what the times depend on, and the last bits of the figures."""
-    cpuinfo = Path("/proc/cpuinfo")
-    lines = cpuinfo.read_text().splitlines() if cpuinfo.exists() else []
-    models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
     return {
         "platform": platform.platform(),
-        "cpu": models[0] if models else platform.processor(),
+        "cpu": processor(),
         "threads": torch.get_num_threads(),
         "python": platform.python_version(),
         **{name: version(name) for name in ("torch", "numpy")},

@@ -28,12 +28,15 @@ from implementations import IMPLEMENTATIONS, Implementation
 from networks import STEPS, Network, random_networks, run
 from report import DENSE, READING, block, figure, into_readme, misses
 from shipped import shipped_networks
-from timing import LEAST_ROUNDS, Contestant, contest, machine, peak_MB
+from timing import LEAST_ROUNDS, Contestant, contest, peak_MB
 from torch import Tensor
 
 import neurorobo
 from neurorobo.engine import engine_path
 from neurorobo.synapses.product import linear
+
+sys.path.append(str(Path(__file__).resolve().parents[1]))
+from machine import machine
 
 ROOT = Path(__file__).resolve().parents[2]
 LATEST = Path(__file__).with_name("latest.json")

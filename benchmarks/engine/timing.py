@@ -1,20 +1,13 @@
-"""Times of several things to do, taken in turn in one process, and what they depend on."""
+"""Times of several things to do, taken in turn in one process."""
 
 import ctypes
 import gc
-import os
-import platform
 import statistics
 import time
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
-
-import torch
-
-from neurorobo.engine import engine_path
 
 LEAST_SAMPLE_S = 0.02
 """What takes less is repeated in one sample."""
@@ -98,23 +91,6 @@ def _status_kB(name: str) -> float:
     lines = Path("/proc/self/status").read_text().splitlines()
     (kibibytes,) = (line.split()[1] for line in lines if line.startswith(f"{name}:"))
     return 1.024 * float(kibibytes)
-
-
-def machine() -> dict[str, Any]:
-    """Return what times depend on."""
-    cpuinfo = Path("/proc/cpuinfo")
-    lines = cpuinfo.read_text().splitlines() if cpuinfo.exists() else []
-    models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return {
-        "processor": models[0] if models else platform.processor(),
-        "cores": os.cpu_count(),
-        "instructions": engine_path().instructions,
-        "os": platform.platform(),
-        "python": platform.python_version(),
-        "torch": torch.__version__,
-        "load": round(os.getloadavg()[0], 2),
-        "date": time.strftime("%Y-%m-%d"),
-    }
 
 
 def shortened(number: float) -> float:

@@ -13,7 +13,6 @@ this brain encodes or decodes by itself. *Start-up* is from starting the process
 import argparse
 import json
 import os
-import platform
 import statistics
 import subprocess
 import sys
@@ -37,6 +36,9 @@ from neurorobo.experiment.build import build_brain, build_task
 from neurorobo.experiment.closed_loop import LARGEST_BATCH, run_episodes
 from neurorobo.experiment.recorder import Setting
 from neurorobo.plugins import Registry
+
+sys.path.append(str(Path(__file__).resolve().parents[1]))
+from machine import machine
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLE = ROOT / "examples" / "peg_in_hole.yaml"
@@ -185,23 +187,6 @@ def start_up_s() -> float:
         started = time.monotonic()  # the same clock in all processes
         done = subprocess.run(command, check=True, capture_output=True, text=True)
     return float(done.stdout) - started
-
-
-def machine() -> dict[str, Any]:
-    """Return what the times depend on."""
-    cpuinfo = Path("/proc/cpuinfo")
-    lines = cpuinfo.read_text().splitlines() if cpuinfo.exists() else []
-    models = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return {
-        "processor": models[0] if models else platform.processor(),
-        "cores": os.cpu_count(),
-        "engine": asdict(engine_path()),
-        "os": platform.platform(),
-        "python": platform.python_version(),
-        "torch": torch.__version__,
-        "load": round(os.getloadavg()[0], 2),
-        "date": time.strftime("%Y-%m-%d"),
-    }
 
 
 def measured(episodes: int, runs: int, starts: int, rates: dict[str, dict[str, float]]) -> Iterator[Figure]:
