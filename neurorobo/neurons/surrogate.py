@@ -39,12 +39,15 @@ class Surrogate:
 
     def derivative(self, distance: "Tensor") -> "Tensor":
         """Return the surrogate derivative at ``distance`` = potential - threshold (any shape)."""
+        import torch
+
         half = self.width / 2
         if self.shape == "rectangular":
             return (distance.abs() < half).to(distance.dtype) / self.width
         if self.shape == "triangular":
             return (1 - distance.abs() / self.width).clamp_(min=0) / self.width
         if self.shape == "arctan":
-            return (distance / half).square_().add_(1).reciprocal_().mul_(1 / (math.pi * half))
+            least = distance.new_tensor(math.pi * half)
+            return torch.addcmul(least, distance, distance, value=math.pi / half).reciprocal_()
         scale = (math.sqrt(2) - 1) / half
         return (distance.abs() * scale).add_(1).square_().reciprocal_().mul_(scale / 2)
