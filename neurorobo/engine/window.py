@@ -10,7 +10,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from neurorobo.engine.checked import CheckedWeights
+from neurorobo.engine.checked import CheckedWeights, is_finite
 from neurorobo.engine.events import Population, is_native, run_events, way_back
 from neurorobo.engine.kernels import kernels
 from neurorobo.neurons import LIF, Neuron
@@ -76,8 +76,8 @@ def _check(name: str, tensor: Tensor, current: Tensor, first: int = 0) -> None:
     """Raise a ValueError unless all numbers are finite, and of the current's type."""
     if tensor.dtype != current.dtype:
         raise ValueError(f"a {name} of {tensor.dtype} does not go with a current of {current.dtype}")
-    finite = tensor.detach().isfinite()
-    if not finite.all():
+    if not is_finite(tensor):
+        finite = tensor.isfinite()
         place = (~finite).nonzero()[0].tolist()
         value = tensor[tuple(place)].item()
         if place:

@@ -134,7 +134,7 @@ def test_both_paths_give_the_same_spikes_and_gradients() -> None:
         assert (gradient - theirs).abs().max() <= 1e-5 * theirs.abs().max()
 
 
-@pytest.mark.parametrize("value", [0.5, 2.0, -1.0, float("nan"), float("inf")])
+@pytest.mark.parametrize("value", [0.5, 2.0, -1.0, 2.0**-149, 1e-30, float("nan"), float("inf")])
 def test_what_is_no_spike_is_refused_with_its_place(path: str, value: float) -> None:
     broken = INPUTS[1].clone()
     broken[7, 2, 11] = value
@@ -161,6 +161,16 @@ def test_a_weight_that_is_no_number_is_refused_with_its_place(
         built.get_parameter(name)[place] = value
     with pytest.raises(ValueError, match=words.format(value)):
         built(INPUTS, torch.zeros(3, 20))
+
+
+def test_finite_numbers_are_taken_though_their_sum_is_not(path: str) -> None:
+    built, largest = layer(), torch.finfo(torch.float32).max
+    with torch.no_grad():
+        for parameter in built.parameters():
+            parameter.fill_(largest)
+    fired, state = built([torch.zeros_like(x) for x in INPUTS], torch.full((3, 20), largest / 2))
+    assert not fired.any()
+    assert state.isfinite().all()
 
 
 @pytest.mark.parametrize(
