@@ -10,7 +10,7 @@ from typing import Any
 import torch
 from torch import Tensor
 
-from neurorobo.engine.checked import CheckedWeights, is_finite
+from neurorobo.engine.checked import CheckedWeights, is_finite, steps_at_once
 from neurorobo.engine.events import Population, is_native, run_events, way_back
 from neurorobo.engine.kernels import kernels
 from neurorobo.neurons import LIF, Neuron
@@ -26,7 +26,8 @@ def run_window(
 ) -> tuple[Tensor, Tensor]:
     """Run a layer of neurons through a window.
 
-    ``current`` (steps, batch, neurons) is overwritten. ``potential`` (batch, neurons) is the potential at the end of
+    ``current`` (steps, batch, neurons) is given away: it is overwritten, perhaps by the spikes that are returned.
+    ``potential`` (batch, neurons) is the potential at the end of
     the window before; it also tells which neurons fired last, since a potential is stored before its reset.
     ``threshold`` (neurons), if given, replaces the neuron's own and may be trained. ``recurrent_weight`` (neurons,
     neurons), row = target, carries each step's spikes to the next step. Returns spikes (steps, batch, neurons) and
@@ -95,8 +96,11 @@ def run_checked(
     if native is not None and is_native(current, potential, threshold, recurrent_weight) and current.is_contiguous():
         population = Population(neuron, (), CheckedWeights())
         return run_events(native, population, (), (), potential, threshold, recurrent_weight, current)
-    spikes, potentials = _Window.apply(current, potential, threshold, recurrent_weight, neuron)  # type: ignore[no-untyped-call]
-    return spikes, potentials[-1]
+    if not torch.is_grad_enabled():
+        spikes = current.detach()  # in the same memory: fresh memory would take as long as a step or more
+        return spikes, _scan(spikes, potential, threshold, recurrent_weight, neuron, spikes)
+    spikes, last, _ = _Window.apply(current, potential, threshold, recurrent_weight, neuron)  # type: ignore[no-untyped-call]
+    return spikes, last
 
 
 def run_steps(
@@ -131,8 +135,45 @@ def run_steps(
     return torch.stack(spikes), state
 
 
+def _scan(
+    current: Tensor,
+    potential: Tensor,
+    threshold: Tensor,
+    recurrent_weight: Tensor | None,
+    neuron: LIF,
+    spikes: Tensor,
+) -> Tensor:
+    """Write the spikes and return the last potential; the current is overwritten by the potentials, negated.
+
+    Negated, neurons keep what is above the negated threshold, which is one operation if they have it in common. The
+    spikes may be written over the current.
+    """
+    before, floor = -potential, -threshold
+    shared_floor = floor.item() if floor.dim() == 0 else None
+    # A plain number would be made a tensor at each step, which takes longer than to multiply with it.
+    decay = torch.tensor(neuron.decay, dtype=torch.promote_types(current.dtype, torch.float32), device=current.device)
+    kept, fired = torch.empty_like(before), torch.empty_like(before)
+    steps = steps_at_once(current)
+    # Comparisons write 0 and 1 as floats: several times faster than masks and `where`.
+    for piece, firing in zip(current.split(steps), spikes.split(steps), strict=True):
+        for now in piece.neg_().unbind():
+            if recurrent_weight is not None:
+                now.sub_(linear(torch.le(before, floor, out=fired), recurrent_weight))
+            if shared_floor is not None:
+                torch.threshold(before, shared_floor, 0.0, out=kept)
+            else:
+                torch.gt(before, floor, out=kept).mul_(before)
+            now.add_(kept.mul_(decay))  # rounded twice, on every processor alike
+            if neuron.rectify:
+                now.clamp_max_(0)
+            before = now
+        before = before.clone()
+        torch.le(piece, floor, out=firing)
+    return 0 - before  # no zero is negative
+
+
 class _Window(torch.autograd.Function):
-    """The scan of :func:`run_window`."""
+    """:func:`_scan`, differentiable in all its tensors."""
 
     @staticmethod
     def forward(
@@ -142,67 +183,67 @@ class _Window(torch.autograd.Function):
         threshold: Tensor,
         recurrent_weight: Tensor | None,
         neuron: LIF,
-    ) -> tuple[Tensor, Tensor]:
+    ) -> tuple[Tensor, Tensor, Tensor]:
         ctx.set_materialize_grads(False)
         ctx.mark_dirty(current)
         ctx.neuron = neuron
-        # Comparisons write 0 and 1 as floats: several times faster than masks and `where`.
-        spikes, kept = torch.empty_like(current), torch.empty_like(potential)
-        fired = torch.ge(potential, threshold, out=torch.empty_like(potential))
-        before = potential
-        for now, spiking in zip(current, spikes, strict=True):
-            if recurrent_weight is not None:
-                now.add_(linear(fired, recurrent_weight))
-            torch.lt(before, threshold, out=kept)
-            now.add_(kept.mul_(before).mul_(neuron.decay))  # rounded twice, on every processor alike
-            if neuron.rectify:
-                now.relu_()
-            fired = torch.ge(now, threshold, out=spiking)
-            before = now
+        spikes = torch.empty_like(current)
+        last = _scan(current, potential, threshold, recurrent_weight, neuron, spikes)
         ctx.save_for_backward(current, potential, threshold, recurrent_weight)
-        return spikes, current
+        return spikes, last, current
 
     @staticmethod
     @way_back
-    def backward(ctx: Any, grad_spikes: Tensor | None, grad_potentials: Tensor | None) -> tuple[Tensor | None, ...]:
-        potentials, potential, threshold, recurrent_weight = ctx.saved_tensors
+    def backward(
+        ctx: Any, grad_spikes: Tensor | None, grad_last: Tensor | None, _: Tensor | None
+    ) -> tuple[Tensor | None, ...]:
+        negated, potential, threshold, recurrent_weight = ctx.saved_tensors
         neuron: LIF = ctx.neuron
         _, needs_potential, needs_threshold, needs_recurrent, _ = ctx.needs_input_grad
-        zero = potentials.new_zeros(())
-        if grad_spikes is None:
-            grad_spikes = zero.expand_as(potentials)
+        floor = -threshold
+        zero = negated.new_zeros(()).expand_as(negated)
+        grad_spikes = zero if grad_spikes is None else grad_spikes
         grad_threshold = torch.zeros_like(threshold) if needs_threshold else None
 
-        # Step by step, in pieces that stay in the cache; a whole window of surrogates would not.
-        def through(potential: Tensor, grad_fired: Tensor, later: Tensor | None) -> Tensor:
-            """Return the gradient of a potential: through its spikes, and through the next step's current."""
-            if later is not None:
-                if recurrent_weight is not None:
-                    grad_fired = linear(later, recurrent_weight.t()).add_(grad_fired)
-                if neuron.reset_gradient == "full":
-                    grad_fired = torch.addcmul(grad_fired, potential, later, value=-neuron.decay)
-            grad = neuron.surrogate.derivative(potential - threshold).mul_(grad_fired)
+        def through(
+            negated: Tensor, grad_spikes: Tensor, last: Tensor | None, later: Tensor, grads: Tensor, *, rectify: bool
+        ) -> Tensor:
+            """Write the gradients of some steps' currents, given that of the next step's; return that of the first."""
+            if recurrent_weight is not None:
+                grad_spikes = linear(later, recurrent_weight.t()) + grad_spikes
+            slopes = neuron.surrogate.derivative(negated - floor)  # the same on both sides of the threshold
+            carried = torch.gt(negated, floor, out=torch.empty_like(negated))
+            if neuron.reset_gradient == "full":
+                carried.addcmul_(slopes, negated)
+            carried.mul_(neuron.decay)
+            torch.mul(slopes, grad_spikes, out=grads)
+            if last is not None:
+                grads[-1].add_(last)
+            above = torch.lt(negated, 0, out=torch.empty_like(negated)) if rectify else None
+            following = later
+            for t in range(len(grads) - 1, -1, -1):
+                grad = grads[t].addcmul_(carried[t], following)
+                if above is not None:
+                    grad.mul_(above[t])
+                following = grad
             if grad_threshold is not None:
-                grad_threshold.sub_(grad.sum_to_size(threshold.shape))
-            if later is not None:
-                kept = torch.lt(potential, threshold, out=torch.empty_like(potential))
-                grad.addcmul_(kept, later, value=neuron.decay)
-            return grad
+                if neuron.reset_gradient == "full":
+                    resets = torch.cat([grads[1:], later.unsqueeze(0)]).mul_(negated)
+                    grad_spikes = torch.add(grad_spikes, resets, alpha=neuron.decay)
+                grad_threshold.sub_(slopes.mul_(grad_spikes).sum_to_size(threshold.shape))
+            return following
 
-        grad_current = torch.empty_like(potentials)
-        later: Tensor | None = None  # the gradient of the next step's current
-        for t in range(len(potentials) - 1, -1, -1):
-            grad = through(potentials[t], grad_spikes[t], later)
-            if grad_potentials is not None:
-                grad.add_(grad_potentials[t])
-            if neuron.rectify:
-                grad.mul_(potentials[t] > 0)
-            later = grad_current[t].copy_(grad)
-
+        grad_current, later = torch.empty_like(negated), torch.zeros_like(potential)
+        steps = steps_at_once(negated) if recurrent_weight is None else 1
+        pieces = zip(*(x.split(steps) for x in (negated, grad_spikes, grad_current)), strict=True)
+        for piece, grads, into in reversed(list(pieces)):
+            later = through(piece, grads, grad_last, later, into, rectify=neuron.rectify)
+            grad_last = None
         grad_potential = grad_recurrent = None
-        if needs_potential or needs_threshold:
-            grad_potential = through(potential, zero.expand_as(potential), later)
-        if needs_recurrent and recurrent_weight is not None:
-            fired = torch.cat([potential.unsqueeze(0), potentials[:-1]]) >= threshold
-            grad_recurrent = linear(grad_current.flatten(0, 1).t(), fired.flatten(0, 1).to(grad_current.dtype).t())
+        if needs_potential or needs_threshold:  # which was rectified, if at all, by the window that it came from
+            into = torch.empty_like(negated[:1])
+            grad_potential = through(-potential.unsqueeze(0), zero[:1], None, later, into, rectify=False)
+        if needs_recurrent:
+            fired = torch.cat([-potential.unsqueeze(0), negated[:-1]]).le_(floor)
+            grad_recurrent = linear(grad_current.flatten(0, 1).t(), fired.flatten(0, 1).t())
         return grad_current, grad_potential, grad_threshold, grad_recurrent, None
