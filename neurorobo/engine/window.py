@@ -14,7 +14,7 @@ from neurorobo.engine.checked import CheckedWeights, is_finite, steps_at_once
 from neurorobo.engine.events import Population, is_native, run_events, way_back
 from neurorobo.engine.kernels import kernels
 from neurorobo.neurons import LIF, Neuron
-from neurorobo.synapses.product import linear
+from neurorobo.synapses.product import linear, subtract_linear
 
 
 def run_window(
@@ -158,7 +158,7 @@ def _scan(
     for piece, firing in zip(current.split(steps), spikes.split(steps), strict=True):
         for now in piece.neg_().unbind():
             if recurrent_weight is not None:
-                now.sub_(linear(torch.le(before, floor, out=fired), recurrent_weight))
+                subtract_linear(now, torch.le(before, floor, out=fired), recurrent_weight)
             if shared_floor is not None:
                 torch.threshold(before, shared_floor, 0.0, out=kept)
             else:

@@ -26,6 +26,14 @@ def linear(rows: Tensor, weight: Tensor) -> Tensor:
     return product.resize_(*rows.shape[:-1], len(weight))  # a view could not be overwritten by an autograd function
 
 
+def subtract_linear(sums: Tensor, rows: Tensor, weight: Tensor) -> None:
+    """Subtract :func:`linear` from ``sums`` (rows, targets), in place and without gradients."""
+    if _can_use_onednn(rows, weight):
+        sums.sub_(linear(rows, weight))
+    else:
+        sums.addmm_(rows, weight.t(), alpha=-1)
+
+
 class _Linear(torch.autograd.Function):
     """:func:`linear` with gradients, which can be differentiated in turn."""
 

@@ -6,7 +6,7 @@ from torch import Tensor
 from torch.nn import functional
 
 from neurorobo.synapses import product
-from neurorobo.synapses.product import linear
+from neurorobo.synapses.product import linear, subtract_linear
 
 
 def draw(*shape: int, seed: int = 0, requires_grad: bool = False) -> Tensor:
@@ -25,6 +25,14 @@ def test_it_is_torchs_product(shape: tuple[int, ...], targets: int) -> None:
     assert torch.equal(linear(rows, weight), functional.linear(rows, weight))
     transposed = draw(shape[-1], targets, seed=1).t()
     assert torch.equal(linear(rows, transposed), functional.linear(rows, transposed))
+
+
+@pytest.mark.parametrize("rows", [1, 200])
+def test_it_can_be_subtracted(rows: int) -> None:
+    sums, spikes, weight = draw(rows, 130), draw(rows, 100, seed=1), draw(130, 100, seed=2)
+    expected = sums - functional.linear(spikes, weight)
+    subtract_linear(sums, spikes, weight)
+    assert torch.equal(sums, expected)
 
 
 @large
