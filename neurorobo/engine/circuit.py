@@ -7,7 +7,7 @@ from torch import Tensor
 from torch.nn.modules import module as global_hooks
 
 from neurorobo.engine.kernels import kernels
-from neurorobo.engine.layer import Layer, refuse_transforms
+from neurorobo.engine.layer import Layer, check_agreement, refuse_transforms
 from neurorobo.engine.prepared import Prepared, PreparedCircuit, Stage, prepare
 
 Reads = str | Sequence[str]
@@ -37,6 +37,8 @@ class Circuit:
             if len(reads) != len(layer.projections):
                 raise ValueError(f"{name}: {len(layer.projections)} projections were given {len(reads)} readings")
             names = [(read,) if isinstance(read, str) else tuple(read) for read in reads]
+            if not all(names):
+                raise ValueError(f"{name}: a projection reads nothing")
             for read in sum(names, ()):
                 if read not in known:
                     raise ValueError(f"{name} reads {read!r}; known by then: {', '.join(known)}")
@@ -52,9 +54,12 @@ class Circuit:
         """Run one window: the spikes of each input and the states of some layers -> spikes and the new states.
 
         Spikes are (steps, batch, neurons), those of the layers that are ``wanted``, or of all. Layers without a state
-        start at rest, and tell none. Raises what :class:`Layer` does.
+        start at rest, and tell none. Raises what :class:`Layer` does, and a ValueError if an input is missing.
         """
         state = {} if state is None else state
+        for name in self.inputs:
+            if name not in inputs:
+                raise ValueError(f"a circuit of the inputs {', '.join(self.inputs)} was not given {name!r}")
         given = [inputs[name] for name in self.inputs]
         if not torch.is_grad_enabled() and not torch.compiler.is_compiling():
             ran = self._run_prepared(given, state, self.layers if wanted is None else wanted)
@@ -67,6 +72,7 @@ class Circuit:
             for numbers in reads:
                 if numbers not in joined:
                     pieces = [known[number] for number in numbers]
+                    check_agreement(pieces)
                     joined[numbers] = torch.cat(pieces, dim=-1) if len(pieces) > 1 else pieces[0]
             fired, last = layer([joined[numbers] for numbers in reads], state.get(name))
             known.append(fired)
@@ -104,8 +110,8 @@ class Circuit:
 
     def _prepare(self, inputs: Sequence[Tensor], states: Sequence[Tensor | None]) -> PreparedCircuit | None:
         native = kernels()
-        windows = {tuple(spikes.shape[:-1]) for spikes in inputs if spikes.dim() == 3 and len(spikes)}
-        if native is None or len(windows) != 1 or any(spikes.dim() != 3 for spikes in inputs):
+        windows = {tuple(spikes.shape[:-1]) for spikes in inputs}
+        if native is None or len(windows) != 1 or any(spikes.dim() != 3 or not len(spikes) for spikes in inputs):
             return None
         for layer in self.layers.values():
             if type(layer) is not Layer:

@@ -6,6 +6,7 @@ gradients. Sizes are the caller's to check.
 
 import ctypes
 import math
+import os
 from collections.abc import Sequence
 from functools import cache
 from typing import NamedTuple
@@ -372,9 +373,17 @@ def not_finite(weight: Tensor, place: list[int]) -> str:
 
 _bound = cache(Kernels)
 
+_PROCESS = os.getpid()
+"""Where this was imported; threads that torch has started since are missing in what is forked off."""
+
 
 def _openmp() -> ctypes.c_void_p | None:
-    """Return the entry of the OpenMP library that torch has loaded, if it has one that looks like GNU's."""
+    """Return the entry of the OpenMP library that torch has loaded, if it has one that looks like GNU's.
+
+    None in a forked process, which may wait forever for threads that only its parent has.
+    """
+    if os.getpid() != _PROCESS:
+        return None
     try:
         return ctypes.cast(ctypes.CDLL(torch._C.__file__).GOMP_parallel, ctypes.c_void_p)
     except (OSError, AttributeError):

@@ -162,8 +162,7 @@ class Layer(nn.Module):
             if len(shape) != 3 or shape[0] == 0:
                 raise ValueError(f"a window is of (steps, batch, sources) and at least one step, got {tuple(shape)}")
             if shape[:2] != window:
-                windows = sorted({tuple(spikes.shape[:-1]) for spikes in inputs})
-                raise ValueError(f"the inputs of a layer must agree in steps and batch, got {windows}")
+                check_agreement(inputs)
             if shape[2] != projection.sources:
                 raise ValueError(f"a projection of {projection.sources} sources was given the spikes of {shape[2]}")
 
@@ -240,6 +239,13 @@ class Layer(nn.Module):
             raise ValueError(f"the potential is of {tuple(state.shape)} (batch, neurons), the current of {wanted}")
         population = Population(neuron, indices, self.checked)
         return run_events(native, population, inputs, weights, state, self.threshold, recurrent)
+
+
+def check_agreement(inputs: Sequence[Tensor]) -> None:
+    """Raise a ValueError unless the windows (steps, batch, sources) agree in steps and batch."""
+    windows = sorted({tuple(spikes.shape[:-1]) for spikes in inputs})
+    if len(windows) > 1:
+        raise ValueError(f"the inputs of a layer must agree in steps and batch, got {windows}")
 
 
 def refuse_transforms() -> None:

@@ -189,7 +189,7 @@ def prepare(
         neuron, projections = stage.layer.neuron, list(stage.layer.projections)
         recurrent = stage.layer._modules.get("recurrent")
         weights = _weights(native, stage.layer, projections, recurrent, held)
-        if weights is None or type(neuron) is not LIF:
+        if weights is None or type(neuron) is not LIF or len(projections) != len(stage.reads):
             return None
         parts.append(_Parts(stage.layer, neuron, projections, recurrent))
         readings: list[structures.Reading] = []
@@ -247,6 +247,8 @@ def _weights(
     if recurrent is not None:
         members["recurrent"] = recurrent
     if layer._parameters.get("threshold") is None:
+        if layer.threshold is not None:  # something computes it, such as a parametrization
+            return None
         held.append(_Held(layer, "threshold", None))
     else:
         members["threshold"] = layer
