@@ -6,6 +6,7 @@ import torch
 from torch import Tensor
 from torch.nn.modules import module as global_hooks
 
+from neurorobo.engine.fired import Probe
 from neurorobo.engine.kernels import kernels
 from neurorobo.engine.layer import Layer, check_agreement, refuse_transforms
 from neurorobo.engine.prepared import Prepared, PreparedCircuit, Stage, prepare
@@ -50,11 +51,13 @@ class Circuit:
         inputs: Mapping[str, Tensor],
         state: Mapping[str, Tensor] | None = None,
         wanted: Collection[str] | None = None,
+        probe: Probe | None = None,
     ) -> tuple[dict[str, Tensor], dict[str, Tensor]]:
         """Run one window: the spikes of each input and the states of some layers -> spikes and the new states.
 
         Spikes are (steps, batch, neurons), those of the layers that are ``wanted``, or of all. Layers without a state
-        start at rest, and tell none. Raises what :class:`Layer` does, and a ValueError if an input is missing.
+        start at rest, and tell none. The ``probe`` hears all layers. Raises what :class:`Layer` does, and a ValueError
+        if an input is missing.
         """
         state = {} if state is None else state
         for name in self.inputs:
@@ -62,7 +65,7 @@ class Circuit:
                 raise ValueError(f"a circuit of the inputs {', '.join(self.inputs)} was not given {name!r}")
         given = [inputs[name] for name in self.inputs]
         if not torch.is_grad_enabled() and not torch.compiler.is_compiling():
-            ran = self._run_prepared(given, state, self.layers if wanted is None else wanted)
+            ran = self._run_prepared(given, state, self.layers if wanted is None else wanted, probe)
             if ran is not None:
                 return ran
         known, joined = given, dict[tuple[int, ...], Tensor]()
@@ -76,6 +79,8 @@ class Circuit:
                     joined[numbers] = torch.cat(pieces, dim=-1) if len(pieces) > 1 else pieces[0]
             fired, last = layer([joined[numbers] for numbers in reads], state.get(name))
             known.append(fired)
+            if probe is not None:
+                probe(name, fired)
             if name in state:
                 after[name] = last
             if wanted is None or name in wanted:
@@ -83,7 +88,11 @@ class Circuit:
         return spikes, after
 
     def _run_prepared(
-        self, inputs: Sequence[Tensor], state: Mapping[str, Tensor], wanted: Collection[str]
+        self,
+        inputs: Sequence[Tensor],
+        state: Mapping[str, Tensor],
+        wanted: Collection[str],
+        probe: Probe | None,
     ) -> tuple[dict[str, Tensor], dict[str, Tensor]] | None:
         """Run a window in one call; None if it has to go layer by layer."""
         native = kernels()
@@ -96,9 +105,17 @@ class Circuit:
             prepared = self._prepare(inputs, states)
             if prepared is None:
                 return None
+        hear = getattr(probe, "hear", None)
+        writes_all = probe is not None and hear is None
         ran = prepared.run(
-            inputs, states, [name in wanted for name in self.layers], [before is not None for before in states]
+            inputs,
+            states,
+            [writes_all or name in wanted for name in self.layers],
+            [before is not None for before in states],
         )
+        if ran is not None and hear is not None:
+            for number, name in enumerate(self.layers):
+                hear(name, prepared.fired(number))
         self._prepared.put(prepared)
         if ran is None:
             return None
@@ -106,6 +123,10 @@ class Circuit:
             {name: tensor for name, tensor in zip(self.layers, tensors, strict=True) if tensor is not None}
             for tensors in ran
         )
+        if probe is not None and hear is None:
+            for name, fired in spikes.items():
+                probe(name, fired)
+            spikes = {name: fired for name, fired in spikes.items() if name in wanted}
         return spikes, lasts
 
     def _prepare(self, inputs: Sequence[Tensor], states: Sequence[Tensor | None]) -> PreparedCircuit | None:

@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy
 import torch
+from numpy.typing import NDArray
 from torch import Tensor
 
 from neurorobo.engine import structures
@@ -84,6 +85,10 @@ class Kernels:
         self._pack_narrow.argtypes = (Pointer, Integer, Integer, ctypes.c_double, Integer, Pointer)
         self._narrow_size = library.neurorobo_narrow_size
         self._narrow_size.argtypes = (Integer, Integer, Integer)
+        self._count = library.neurorobo_count
+        self._count.argtypes = (Pointer, Integer, Integer, Integer, Pointer)
+        self._pick = library.neurorobo_pick
+        self._pick.argtypes = (Pointer, Integer, Integer, Pointer, Integer, Pointer)
         self._run_window = library.neurorobo_run_window
         self._run_circuit = library.neurorobo_run_circuit
         self._encode = library.neurorobo_encode
@@ -96,7 +101,7 @@ class Kernels:
             function.restype = Integer
         self._use_large_pages = library.neurorobo_use_large_pages
         self._use_large_pages.argtypes = (Pointer, Integer)
-        for function in (self._scan_back, self._decode, self._use_large_pages):
+        for function in (self._count, self._pick, self._scan_back, self._decode, self._use_large_pages):
             function.restype = None
         if openmp := _openmp():
             library.neurorobo_use_openmp(openmp)
@@ -124,6 +129,20 @@ class Kernels:
             element, source = divmod(rest, sources)
             raise ValueError(not_a_spike(spikes[step, element, source].item(), step, element, source))
         return Events(words, sources, count)
+
+    def count(self, words: Tensor) -> Tensor:
+        """Return the number of spikes (batch) in words (steps, batch, words)."""
+        steps, batch, row_words = words.shape
+        counts = _floats((batch,))
+        self._count(words.data_ptr(), steps, batch, row_words, counts.data_ptr())
+        return counts
+
+    def pick(self, words: Tensor, sources: NDArray[numpy.int64]) -> NDArray[numpy.bool_]:
+        """Return the spikes (steps, batch, some) of some sources in words (steps, batch, words)."""
+        steps, batch, row_words = words.shape
+        picked = numpy.empty((steps, batch, len(sources)), dtype=bool)
+        self._pick(words.data_ptr(), steps * batch, row_words, sources.ctypes.data, len(sources), picked.ctypes.data)
+        return picked
 
     def pack_weights(self, weight: Tensor, old: Packed | None = None, *, narrow: bool = False) -> Packed:
         """Pack weights (targets, sources), into ``old`` if it fits; a ValueError if any is not a finite number.

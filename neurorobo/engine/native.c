@@ -200,6 +200,24 @@ int64_t neurorobo_pack_spikes(const float *spikes, int64_t steps, int64_t batch,
     return events;
 }
 
+/* Count the spikes of each batch element. */
+void neurorobo_count(const uint64_t *words, int64_t steps, int64_t batch, int64_t row_words, float *counts) {
+    for (int64_t b = 0; b < batch; b++) {
+        int64_t ones = 0;
+        for (int64_t t = 0; t < steps; t++)
+            for (int64_t w = 0; w < row_words; w++)
+                ones += __builtin_popcountll(words[(t * batch + b) * row_words + w]);
+        counts[b] = (float)ones;
+    }
+}
+
+/* Write the bits of some sources, a byte each. */
+void neurorobo_pick(const uint64_t *words, int64_t rows, int64_t row_words, const int64_t *sources, int64_t some,
+                    uint8_t *picked) {
+    for (int64_t r = 0; r < rows; r++, words += row_words)
+        for (int64_t i = 0; i < some; i++) *picked++ = words[sources[i] / WORD] >> (sources[i] % WORD) & 1;
+}
+
 /* Mirror a square of 64 x 64 bits, row i in square[i], by exchanging its quarters, their quarters and so on. */
 static void mirror(uint64_t square[WORD]) {
     uint64_t right = 0xffffffff00000000u; /* the columns whose number has the bit `half` */
@@ -668,6 +686,7 @@ static void join(const population *piece, int64_t count, const population *whole
 int64_t neurorobo_run_circuit(const circuit *c) {
     if (!c->stages) return 0;
     int64_t steps = c->stage->window.steps, batch = c->stage->window.batch, rows = steps * batch;
+    if (!rows) return 0; /* an empty batch, of which there is no memory */
     for (const input *i = c->input; i < c->input + c->inputs; i++)
         if (neurorobo_pack_spikes(i->spikes, steps, batch, i->to.sources, i->step_stride, i->batch_stride,
                                   i->to.words) < 0)

@@ -14,6 +14,7 @@ from torch import Tensor, nn
 from neurorobo.engine import structures
 from neurorobo.engine.checked import Seen
 from neurorobo.engine.events import is_native, most_events, number_tensor
+from neurorobo.engine.fired import Fired
 from neurorobo.engine.kernels import TOO_DENSE, Drive, Events, Kernels, Packed, empty_words, window_arguments
 from neurorobo.neurons import LIF
 from neurorobo.synapses import Dense, FanIn
@@ -77,10 +78,12 @@ class PreparedCircuit:
         parts: Sequence[_Parts],
         held: Sequence[_Held],
         circuit: structures.Circuit,
+        words: Sequence[Tensor],
         memory: Sequence[object],
     ) -> None:
         steps, batch = window
         self._native, self._parts, self._held, self._circuit, self._memory = native, parts, held, circuit, memory
+        self._words = words
         self._input_shapes = [(steps, batch, size) for size in sizes]
         self._inputs = [circuit.input[number] for number in range(circuit.inputs)]
         self._stages = [circuit.stage[number] for number in range(circuit.stages)]
@@ -109,6 +112,10 @@ class PreparedCircuit:
             elif not seen.is_still(parameter):
                 return False
         return True
+
+    def fired(self, number: int) -> Fired:
+        """Return what a layer fired in the window that was run last; it is overwritten by the next."""
+        return Fired(self._native, self._words[number], self._windows[number].neurons)
 
     def run(
         self,
@@ -182,6 +189,7 @@ def prepare(
     ]
     joined: dict[tuple[int, ...], Tensor] = {}
     memory: list[object] = [words, joined]
+    fired = [there[1:] for there in words[len(inputs) :]]
     parts: list[_Parts] = []
     held: list[_Held] = []
     ready: list[structures.Stage] = []
@@ -223,7 +231,7 @@ def prepare(
     circuit = structures.Circuit(
         len(given), (structures.Input * len(given))(*given), len(ready), (structures.Stage * len(ready))(*ready)
     )
-    return PreparedCircuit(native, (steps, batch), sizes[: len(inputs)], parts, held, circuit, memory)
+    return PreparedCircuit(native, (steps, batch), sizes[: len(inputs)], parts, held, circuit, fired, memory)
 
 
 class _Weights(NamedTuple):

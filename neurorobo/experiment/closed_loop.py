@@ -10,11 +10,11 @@ import torch
 from torch import Tensor
 
 from neurorobo.bodies import Array
+from neurorobo.engine import Fired, Probe
 from neurorobo.errors import NeuroroboError
 from neurorobo.experiment.recorder import Counts, LayerSpikes, Sample, Sampler
 from neurorobo.graph.brain import Brain
 from neurorobo.graph.plan import Edge, Use
-from neurorobo.regions.region import Probe
 from neurorobo.regions.values import to_numbers
 from neurorobo.tasks.supervised import SupervisedTask
 from neurorobo.tasks.task import Flags, Task
@@ -129,6 +129,37 @@ def _check(observation: Mapping[str, Array], running: Flags) -> None:
             raise NeuroroboError(f"the sensor `{name}` reports {broken[0]}: the body was stopped; check the sensor")
 
 
+@dataclass(frozen=True)
+class _Probe:
+    """Counts the spikes of a use, and perhaps keeps some."""
+
+    watch: "_Watch"
+    use: Use
+    keeps: bool
+
+    def __call__(self, layer: str, spikes: Tensor) -> None:
+        """Take the spikes (steps, batch, neurons) of one layer."""
+        steps, _, neurons = spikes.shape
+        count = spikes.sum((0, 2))
+        self._count(count, steps * neurons)
+        if self.keeps:
+            self._keep(layer, LayerSpikes.of(spikes, count, self.watch.most_neurons))
+
+    def hear(self, layer: str, fired: Fired) -> None:
+        """Take what one layer fired."""
+        count = fired.count()
+        self._count(count, fired.steps * fired.neurons)
+        if self.keeps:
+            self._keep(layer, LayerSpikes.of_bits(fired, count, self.watch.most_neurons))
+
+    def _count(self, count: Tensor, chances: int) -> None:
+        known, known_chances = self.watch.heard.get(self.use.region, (0, 0))
+        self.watch.heard[self.use.region] = (known + count, known_chances + chances)
+
+    def _keep(self, layer: str, spikes: LayerSpikes) -> None:
+        self.watch.spikes.setdefault(self.use.name, {})[layer] = spikes
+
+
 @dataclass
 class _Watch:
     """Observes a brain for the samples, the firing rates and the saturations."""
@@ -169,16 +200,7 @@ class _Watch:
 
     def probe(self, use: Use, *, last: bool) -> Probe:
         """Count the spikes of a use, and keep those of its last iteration if a recorder wants them."""
-
-        def listen(layer: str, spikes: Tensor) -> None:
-            steps, _, neurons = spikes.shape
-            count = spikes.sum((0, 2))
-            fired, chances = self.heard.get(use.region, (0, 0))
-            self.heard[use.region] = (fired + count, chances + steps * neurons)
-            if self.most_neurons and last:
-                self.spikes.setdefault(use.name, {})[layer] = LayerSpikes.of(spikes, count, self.most_neurons)
-
-        return listen
+        return _Probe(self, use, bool(self.most_neurons and last))
 
     def saturated(self, edge: Edge, count: Tensor) -> None:
         """Count the components of a value that were out of range."""

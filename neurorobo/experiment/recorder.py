@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from neurorobo.bodies import Array
+from neurorobo.engine import Fired
 from neurorobo.graph.plan import Plan
 from neurorobo.tasks.task import Flags, Task
 
@@ -45,6 +46,11 @@ class LayerSpikes(NamedTuple):
         neurons = spikes.shape[2]
         every = spikes.numpy()
         return cls((every if neurons <= most else every[:, :, _evenly_spaced(neurons, most)]) != 0, neurons, fired)
+
+    @classmethod
+    def of_bits(cls, fired: Fired, count: Tensor, most: int) -> "LayerSpikes":
+        """Keep at most so many neurons of what a layer fired, given its number of spikes (batch)."""
+        return cls(fired.of(_evenly_spaced(fired.neurons, min(fired.neurons, most))), fired.neurons, count)
 
     def of_first(self) -> "LayerSpikes":
         """Return those of the first of the batch alone."""

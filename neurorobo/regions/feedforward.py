@@ -40,10 +40,7 @@ class Feedforward(Region):
         self, inputs: Mapping[str, Tensor], state: State, probe: Probe | None = None
     ) -> tuple[dict[str, Tensor], State]:
         """Run one window."""
-        spikes, after = self._circuit(inputs, state, ["output"] if probe is None else None)
-        if probe is not None:
-            for name, fired in spikes.items():
-                probe(name, fired)
+        spikes, after = self._circuit(inputs, state, ["output"], probe)
         parts = spikes["output"].split([port.channels for port in self.output_ports.values()], dim=-1)
         return dict(zip(self.output_ports, parts, strict=True)), after
 

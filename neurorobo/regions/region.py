@@ -2,25 +2,19 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
-from typing import Protocol
 
 import torch
 from torch import Tensor, nn
 
 from neurorobo.clock import Clock
-from neurorobo.engine import Layer
+from neurorobo.engine import Layer, Probe
 from neurorobo.regions.config import RegionConfig
 from neurorobo.synapses import Projection
 
+__all__ = ["Probe", "Region", "State", "constrain"]
+
 State = dict[str, Tensor]
 """What a region remembers between uses: named tensors whose first dimension is the batch."""
-
-
-class Probe(Protocol):
-    """Listens to the spikes inside a region."""
-
-    def __call__(self, layer: str, spikes: Tensor) -> None:
-        """Take the spikes (steps, batch, neurons) of one layer."""
 
 
 class Region(nn.Module, ABC):

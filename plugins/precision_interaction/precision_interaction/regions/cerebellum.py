@@ -56,10 +56,7 @@ class Cerebellum(Region):
         self, inputs: Mapping[str, Tensor], state: State, probe: Probe | None = None
     ) -> tuple[dict[str, Tensor], State]:
         """Run one window from rest."""
-        spikes, _ = self._circuit(inputs, wanted=["output"] if probe is None else None)
-        if probe is not None:
-            for name, fired in spikes.items():
-                probe(name, fired)
+        spikes, _ = self._circuit(inputs, wanted=["output"], probe=probe)
         move, residual, *own = spikes["output"].split(2 * self.config.output_neurons, dim=-1)
         return {"move": move, "residual": residual, "velocity": own[0] if own else move}, state
 

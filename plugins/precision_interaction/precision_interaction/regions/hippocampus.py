@@ -50,8 +50,5 @@ class Hippocampus(Region):
         self, inputs: Mapping[str, Tensor], state: State, probe: Probe | None = None
     ) -> tuple[dict[str, Tensor], State]:
         """Look one period further ahead than the feedback does."""
-        spikes, after = self._circuit(inputs, state, ["output"] if probe is None else None)
-        if probe is not None:
-            probe("hidden", spikes["hidden"])
-            probe("output", spikes["output"])
+        spikes, after = self._circuit(inputs, state, ["output"], probe)
         return dict(zip(self.output_ports, spikes["output"].split(self._sizes, dim=-1), strict=True)), after

@@ -13,9 +13,6 @@ from neurorobo.regions.region import Probe, Region, State
 from neurorobo.synapses import Dense
 from precision_interaction.regions.prefrontal_cortex_config import PrefrontalCortexConfig
 
-SECOND = ("prediction", "terminal", "general")
-"""What makes up the second layer."""
-
 NEURON = LIF(surrogate=Surrogate("arctan", 1.0))  # its tails let a silent output neuron recover
 
 
@@ -52,7 +49,7 @@ class PrefrontalCortex(Region):
         later = [Layer([Dense(before, after, generator, gain=1.5)], NEURON) for before, after in pairwise(sizes)]
         self.later = nn.ModuleList(later)
         names = [*(f"layer_{number}" for number in range(3, len(later) + 2)), "output"]
-        reads = [SECOND, *names]
+        reads = [("prediction", "terminal", "general"), *names]
         self._circuit = Circuit(
             self.input_ports,
             {
@@ -67,12 +64,7 @@ class PrefrontalCortex(Region):
         self, inputs: Mapping[str, Tensor], state: State, probe: Probe | None = None
     ) -> tuple[dict[str, Tensor], State]:
         """Plan one axial period."""
-        spikes, _ = self._circuit(inputs, wanted=["prediction", "terminal", "output"] if probe is None else None)
-        if probe is not None:
-            probe("second", torch.cat([spikes[name] for name in SECOND], dim=-1))
-            for name, fired in spikes.items():
-                if name not in SECOND:
-                    probe(name, fired)
+        spikes, _ = self._circuit(inputs, wanted=["prediction", "terminal", "output"], probe=probe)
         speed, beta = spikes["output"].split(self.config.output_neurons, dim=-1)
         return {
             "speed": speed,

@@ -1,0 +1,46 @@
+"""Who listens to the spikes inside a region, and what a layer fired, as bits."""
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from torch import Tensor
+
+from neurorobo.engine.kernels import Kernels
+
+
+class Probe(Protocol):
+    """Listens to the spikes inside a region."""
+
+    def __call__(self, layer: str, spikes: Tensor) -> None:
+        """Take the spikes (steps, batch, neurons) of one layer."""
+
+
+class BitProbe(Probe, Protocol):
+    """A probe that can do with bits, which spares writing spikes that nobody looks at one by one."""
+
+    def hear(self, layer: str, fired: "Fired") -> None:
+        """Take what one layer fired, instead of being called with its spikes; to be kept, it must be read at once."""
+
+
+@dataclass(frozen=True)
+class Fired:
+    """The spikes of a layer in a window, as ``words`` (steps, batch, words of 64 neurons)."""
+
+    native: Kernels
+    words: Tensor
+    neurons: int
+
+    @property
+    def steps(self) -> int:
+        """Return the number of steps."""
+        return len(self.words)
+
+    def count(self) -> Tensor:
+        """Return the number of spikes (batch)."""
+        return self.native.count(self.words)
+
+    def of(self, neurons: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """Return the spikes (steps, batch, some) of some neurons by number."""
+        return self.native.pick(self.words, neurons)
