@@ -3,8 +3,6 @@
 from dataclasses import dataclass
 from typing import Protocol
 
-import numpy as np
-from numpy.typing import NDArray
 from torch import Tensor
 
 from neurorobo.engine.kernels import Kernels
@@ -41,6 +39,6 @@ class Fired:
         """Return the number of spikes (batch)."""
         return self.native.count(self.words)
 
-    def of(self, neurons: NDArray[np.int64]) -> NDArray[np.bool_]:
-        """Return the spikes (steps, batch, some) of some neurons by number."""
+    def of(self, neurons: Tensor) -> Tensor:
+        """Return, as booleans, the spikes (steps, batch, some) of some neurons by number."""
         return self.native.pick(self.words, neurons)

@@ -13,7 +13,6 @@ from typing import NamedTuple
 
 import numpy
 import torch
-from numpy.typing import NDArray
 from torch import Tensor
 
 from neurorobo.engine import structures
@@ -137,11 +136,11 @@ class Kernels:
         self._count(words.data_ptr(), steps, batch, row_words, counts.data_ptr())
         return counts
 
-    def pick(self, words: Tensor, sources: NDArray[numpy.int64]) -> NDArray[numpy.bool_]:
-        """Return the spikes (steps, batch, some) of some sources in words (steps, batch, words)."""
+    def pick(self, words: Tensor, sources: Tensor) -> Tensor:
+        """Return, as booleans, the spikes (steps, batch, some) of some sources in words (steps, batch, words)."""
         steps, batch, row_words = words.shape
-        picked = numpy.empty((steps, batch, len(sources)), dtype=bool)
-        self._pick(words.data_ptr(), steps * batch, row_words, sources.ctypes.data, len(sources), picked.ctypes.data)
+        picked = sources.new_empty((steps, batch, len(sources)), dtype=torch.bool)
+        self._pick(words.data_ptr(), steps * batch, row_words, sources.data_ptr(), len(sources), picked.data_ptr())
         return picked
 
     def pack_weights(self, weight: Tensor, old: Packed | None = None, *, narrow: bool = False) -> Packed:
@@ -309,9 +308,12 @@ class Kernels:
         return values
 
 
+_FLOAT = torch.empty(0, dtype=torch.float32, device="cpu")
+
+
 def _floats(shape: Sequence[int]) -> Tensor:
     """Return a tensor to be written, whatever the type and the device that torch takes by default."""
-    return torch.empty(shape, dtype=torch.float32, device="cpu")
+    return _FLOAT.new_empty(shape)  # in three quarters of the time that it takes to name both
 
 
 def window_arguments(

@@ -64,9 +64,10 @@ class Layer(nn.Module):
         """Return the state at rest, whose first dimension is the batch."""
         first = next(iter(self.projections._modules.values()))  # half the time that `self.projections[0]` takes
         weight: Tensor = first.weight  # type: ignore[assignment]
-        state = self.neuron.at_rest(batch, self.neurons)
-        state = state.to(weight)
-        if self.recurrent is not None and type(self.neuron) is not LIF:
+        if type(self.neuron) is LIF:
+            return weight.new_zeros((batch, self.neurons))
+        state = self.neuron.at_rest(batch, self.neurons).to(weight)
+        if self.recurrent is not None:
             state = torch.cat([state, state.new_zeros(batch, self.neurons)], dim=1)
         return state
 

@@ -215,7 +215,10 @@ void neurorobo_count(const uint64_t *words, int64_t steps, int64_t batch, int64_
 void neurorobo_pick(const uint64_t *words, int64_t rows, int64_t row_words, const int64_t *sources, int64_t some,
                     uint8_t *picked) {
     for (int64_t r = 0; r < rows; r++, words += row_words)
-        for (int64_t i = 0; i < some; i++) *picked++ = words[sources[i] / WORD] >> (sources[i] % WORD) & 1;
+        for (int64_t i = 0; i < some; i++) {
+            uint64_t source = (uint64_t)sources[i];
+            *picked++ = words[source / WORD] >> (source % WORD) & 1;
+        }
 }
 
 /* Mirror a square of 64 x 64 bits, row i in square[i], by exchanging its quarters, their quarters and so on. */

@@ -168,7 +168,7 @@ class _Watch:
     keeps_values: bool
     most_neurons: int
     inputs: dict[str, list[Mapping[str, Tensor]]] = field(default_factory=dict)
-    latest: dict[str, tuple[Use, Mapping[str, Tensor]]] = field(default_factory=dict)
+    latest: dict[str, tuple[Use, Mapping[str, Tensor], Mapping[str, Tensor]]] = field(default_factory=dict)
     outputs: dict[str, dict[str, Tensor]] = field(default_factory=dict)  # as numbers
     spikes: dict[str, dict[str, LayerSpikes]] = field(default_factory=dict)
     running: Tensor = field(init=False)
@@ -185,18 +185,28 @@ class _Watch:
     def end(self) -> None:
         """End a tick."""
         self.outputs = {
-            use.name: {name: to_numbers(value, use.outputs[name].code) for name, value in outputs.items()}
-            for use, outputs in self.latest.values()
+            use.name: {
+                name: numbers[name] if name in numbers else to_numbers(value, use.outputs[name].code)
+                for name, value in outputs.items()
+            }
+            for use, outputs, numbers in self.latest.values()
         }
         for region, (fired, chances) in self.heard.items():
             self.fired[region] = self.fired.get(region, 0) + self.running * fired
             self.chances[region] = self.chances.get(region, 0) + self.running * chances
 
-    def used(self, use: Use, iteration: int, inputs: Mapping[str, Tensor], outputs: Mapping[str, Tensor]) -> None:
+    def used(
+        self,
+        use: Use,
+        iteration: int,
+        inputs: Mapping[str, Tensor],
+        outputs: Mapping[str, Tensor],
+        numbers: Mapping[str, Tensor],
+    ) -> None:
         """Keep the inputs of a use as they came, and the outputs of its last iteration."""
         if self.keeps_values:
             self.inputs.setdefault(use.name, []).append(inputs)
-            self.latest[use.name] = use, outputs
+            self.latest[use.name] = use, outputs, numbers
 
     def probe(self, use: Use, *, last: bool) -> Probe:
         """Count the spikes of a use, and keep those of its last iteration if a recorder wants them."""

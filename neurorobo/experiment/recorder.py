@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
@@ -36,7 +37,7 @@ class LayerSpikes(NamedTuple):
     ``fired`` (batch) is how many spikes of all neurons there are.
     """
 
-    some: NDArray[np.bool_]
+    some: Tensor
     neurons: int
     fired: Tensor
 
@@ -44,8 +45,7 @@ class LayerSpikes(NamedTuple):
     def of(cls, spikes: Tensor, fired: Tensor, most: int) -> "LayerSpikes":
         """Keep at most so many neurons of spikes (steps, batch, neurons)."""
         neurons = spikes.shape[2]
-        every = spikes.numpy()
-        return cls((every if neurons <= most else every[:, :, _evenly_spaced(neurons, most)]) != 0, neurons, fired)
+        return cls(spikes[:, :, _evenly_spaced(neurons, min(neurons, most))] != 0, neurons, fired)
 
     @classmethod
     def of_bits(cls, fired: Fired, count: Tensor, most: int) -> "LayerSpikes":
@@ -56,7 +56,7 @@ class LayerSpikes(NamedTuple):
         """Return those of the first of the batch alone."""
         if len(self.fired) == 1:
             return self
-        return self._replace(some=self.some[:, :1].copy(), fired=self.fired[:1].clone())
+        return self._replace(some=self.some[:, :1].clone(), fired=self.fired[:1].clone())
 
     @property
     def rate(self) -> Tensor:
@@ -65,8 +65,8 @@ class LayerSpikes(NamedTuple):
 
 
 @cache
-def _evenly_spaced(neurons: int, most: int) -> NDArray[np.int64]:
-    return np.linspace(0, neurons - 1, most).round().astype(np.int64)
+def _evenly_spaced(neurons: int, most: int) -> Tensor:
+    return torch.from_numpy(np.linspace(0, neurons - 1, most).round().astype(np.int64))
 
 
 @dataclass(frozen=True)

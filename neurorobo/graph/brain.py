@@ -21,8 +21,18 @@ _PREFIX = "region_"
 class Observer(Protocol):
     """Watches a brain at work; it may not change anything."""
 
-    def used(self, use: Use, iteration: int, inputs: Mapping[str, Tensor], outputs: Mapping[str, Tensor]) -> None:
-        """Take the inputs and the outputs of one use of a region, in the form that their ports carry."""
+    def used(
+        self,
+        use: Use,
+        iteration: int,
+        inputs: Mapping[str, Tensor],
+        outputs: Mapping[str, Tensor],
+        numbers: Mapping[str, Tensor],
+    ) -> None:
+        """Take the inputs and the outputs of one use of a region, in the form that their ports carry.
+
+        ``numbers`` are those outputs that had to be decoded for what reads them, as numbers (batch, width).
+        """
 
     def probe(self, use: Use, *, last: bool) -> Probe | None:
         """Return what should listen to the spikes inside this use, if anything.
@@ -240,8 +250,13 @@ class _Moment:
             random=_states(self.generators, self.state.batch),
         )
 
-    def push(self, source: str, outputs: Mapping[str, Tensor], *, first: bool = True, last: bool = True) -> None:
-        """Put new values of a source into its edges; ``first`` and ``last`` tell the iteration of its repeat."""
+    def push(
+        self, source: str, outputs: Mapping[str, Tensor], *, first: bool = True, last: bool = True
+    ) -> dict[str, Tensor]:
+        """Put new values of a source into its edges, and return those outputs that were decoded for it.
+
+        ``first`` and ``last`` tell the iteration of its repeat.
+        """
         decoded: dict[str, Tensor] = {}  # once for all edges that read an output
         for edge in self.brain.plan.outgoing.get(source, ()):
             if source == BODY and not edge.reads_sensor_at(self.state.tick):
@@ -263,6 +278,7 @@ class _Moment:
                 else:
                     value = torch.cat([numbers, torch.ones(self.state.batch, 1)], dim=1)
             self.buffers[edge.name] = (*self.buffers[edge.name][1:], value)
+        return decoded
 
     def read(self, edge: Edge) -> Tensor:
         """Take the value that an edge's reader sees now."""
@@ -318,9 +334,9 @@ class _Moment:
             self.block[use.region] = after
         elif use.policy == "commit" and region.config.carry == "always":
             self.regions[use.region] = after
-        self.push(use.name, outputs, first=iteration == 0, last=last)
+        numbers = self.push(use.name, outputs, first=iteration == 0, last=last)
         if self.observer is not None:
-            self.observer.used(use, iteration, inputs, outputs)
+            self.observer.used(use, iteration, inputs, outputs, numbers)
 
     def _state_before(self, use: Use, region: Region) -> State:
         """Return the state a use starts from, by its policy and by how long the region carries its state."""

@@ -153,10 +153,7 @@ class RerunRecorder(Recorder):
                     (sample.tick, value if len(value) == 1 else value[:1].clone())
                 )
         for step, layers in sample.spikes.items():
-            first = {layer: spikes.of_first() for layer, spikes in layers.items()}
-            self._windows[step].append((sample.tick, first))
-            for layer, spikes in first.items():
-                self._rows[f"rates/{step}/{layer}"].append((sample.tick, spikes.rate))
+            self._windows[step].append((sample.tick, {layer: spikes.of_first() for layer, spikes in layers.items()}))
         task = self.setting.task
         if task is not None and not (sample.running & ~task.terminated() & ~task.truncated()).any():
             # No sample will follow. While one may, the body is not read: its noise must not depend on a recording.
@@ -206,12 +203,17 @@ class RerunRecorder(Recorder):
             arrays = [value.numpy() if isinstance(value, Tensor) else value for value in values]
             numbers = [np.array(array[0], dtype=np.float64, ndmin=1) for array in arrays]
             yield path, Signal(np.array(ticks), np.stack(numbers), *self._labels.get(path, ("1", "")))
+        for step, kept in self._windows.items():
+            ticks, windows = zip(*kept, strict=True)
+            for layer in windows[-1]:
+                rates = [float(layers[layer].rate) for layers in windows]
+                yield f"rates/{step}/{layer}", Signal(np.array(ticks), np.array(rates)[:, None], "1")
 
     def _rasters(self) -> Iterator[tuple[str, Raster]]:
         for step, kept in self._windows.items():
             ticks, windows = zip(*kept, strict=True)
             neurons = {layer: spikes.neurons for layer, spikes in windows[-1].items()}
-            pictures = [_picture([spikes.some[:, 0] for spikes in layers.values()]) for layers in windows]
+            pictures = [_picture([spikes.some[:, 0].numpy() for spikes in layers.values()]) for layers in windows]
             yield step, Raster(np.array(ticks), np.stack(pictures), neurons)
 
 

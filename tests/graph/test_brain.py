@@ -58,7 +58,7 @@ class Listener:
         self.seen: list[tuple[int, str, int, float]] = []
         self.tick = 0
 
-    def used(self, use, iteration, inputs, outputs) -> None:  # type: ignore[no-untyped-def]
+    def used(self, use, iteration, inputs, outputs, numbers) -> None:  # type: ignore[no-untyped-def]
         (value,) = outputs.values()
         self.seen.append((self.tick, use.name, iteration, float(value.flatten()[0])))
 
