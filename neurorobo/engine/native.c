@@ -610,6 +610,7 @@ static void join(const population *piece, int64_t count, const population *whole
 int64_t neurorobo_run_circuit(const circuit *c) {
     if (!c->stages) return 0;
     int64_t steps = c->stage->window.steps, batch = c->stage->window.batch, rows = steps * batch;
+    if (!rows) return 0; /* an empty batch, of which there is no memory */
     for (const input *i = c->input; i < c->input + c->inputs; i++)
         if (neurorobo_pack_spikes(i->spikes, steps, batch, i->to.sources, i->step_stride, i->batch_stride,
                                   i->to.words) < 0)
