@@ -17,6 +17,7 @@ PROGRAM = """
 import torch
 from neurorobo.engine.kernels import kernels
 found, spikes, weights = kernels(), torch.zeros(2, 1, 64), torch.zeros(8, 8)
+words = torch.empty(1, 1, 1, dtype=torch.int64)
 """
 
 
@@ -24,7 +25,10 @@ found, spikes, weights = kernels(), torch.zeros(2, 1, 64), torch.zeros(8, 8)
 @pytest.mark.parametrize(
     ("mistake", "words"),
     [
-        ("found.pack_into(torch.empty(1, 1, 1, dtype=torch.int64), spikes)", "AddressSanitizer: heap-buffer-overflow"),
+        (
+            "found._pack_spikes(spikes.data_ptr(), 2, 1, 64, 64, 64, words.data_ptr())",
+            "AddressSanitizer: heap-buffer-overflow",
+        ),
         ("found._pack_weights(weights.data_ptr() + 1, 8, 7, weights.data_ptr())", "runtime error: load of misaligned"),
     ],
     ids=["address", "undefined behaviour"],
