@@ -57,12 +57,15 @@ class Circuit:
 
         Spikes are (steps, batch, neurons), those of the layers that are ``wanted``, or of all. Layers without a state
         start at rest, and tell none. The ``probe`` hears all layers. Raises what :class:`Layer` does, and a ValueError
-        if an input is missing.
+        if an input is missing or a layer is unknown.
         """
         state = {} if state is None else state
         for name in self.inputs:
             if name not in inputs:
                 raise ValueError(f"a circuit of the inputs {', '.join(self.inputs)} was not given {name!r}")
+        for name in (*state, *(() if wanted is None else wanted)):
+            if name not in self.layers:
+                raise ValueError(f"a circuit of the layers {', '.join(self.layers)} has no {name!r}")
         given = [inputs[name] for name in self.inputs]
         if not torch.is_grad_enabled() and not torch.compiler.is_compiling():
             ran = self._run_prepared(given, state, self.layers if wanted is None else wanted, probe)

@@ -37,7 +37,7 @@ class LayerSpikes(NamedTuple):
     ``fired`` (batch) is how many spikes of all neurons there are.
     """
 
-    some: Tensor
+    some: NDArray[np.bool_]
     neurons: int
     fired: Tensor
 
@@ -45,18 +45,18 @@ class LayerSpikes(NamedTuple):
     def of(cls, spikes: Tensor, fired: Tensor, most: int) -> "LayerSpikes":
         """Keep at most so many neurons of spikes (steps, batch, neurons)."""
         neurons = spikes.shape[2]
-        return cls(spikes[:, :, _evenly_spaced(neurons, min(neurons, most))] != 0, neurons, fired)
+        return cls((spikes[:, :, _evenly_spaced(neurons, min(neurons, most))] != 0).numpy(), neurons, fired)
 
     @classmethod
     def of_bits(cls, fired: Fired, count: Tensor, most: int) -> "LayerSpikes":
         """Keep at most so many neurons of what a layer fired, given its number of spikes (batch)."""
-        return cls(fired.of(_evenly_spaced(fired.neurons, min(fired.neurons, most))), fired.neurons, count)
+        return cls(fired.of(_evenly_spaced(fired.neurons, min(fired.neurons, most))).numpy(), fired.neurons, count)
 
     def of_first(self) -> "LayerSpikes":
         """Return those of the first of the batch alone."""
         if len(self.fired) == 1:
             return self
-        return self._replace(some=self.some[:, :1].clone(), fired=self.fired[:1].clone())
+        return self._replace(some=self.some[:, :1].copy(), fired=self.fired[:1].clone())
 
     @property
     def rate(self) -> Tensor:

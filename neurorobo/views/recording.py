@@ -162,7 +162,7 @@ class RerunRecorder(Recorder):
 
     def finish(self) -> Path | None:
         """Write the recording."""
-        if not self._rows:
+        if not self._rows and not self._windows:
             return None
         import rerun as rr
 
@@ -213,7 +213,7 @@ class RerunRecorder(Recorder):
         for step, kept in self._windows.items():
             ticks, windows = zip(*kept, strict=True)
             neurons = {layer: spikes.neurons for layer, spikes in windows[-1].items()}
-            pictures = [_picture([spikes.some[:, 0].numpy() for spikes in layers.values()]) for layers in windows]
+            pictures = [_picture([spikes.some[:, 0] for spikes in layers.values()]) for layers in windows]
             yield step, Raster(np.array(ticks), np.stack(pictures), neurons)
 
 

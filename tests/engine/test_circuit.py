@@ -18,7 +18,7 @@ from hypothesis import strategies as st
 from torch import Tensor, nn
 from torch.nn.utils import parametrize, prune
 
-from neurorobo.engine import Circuit, Layer, kernels
+from neurorobo.engine import Circuit, Fired, Layer, kernels
 from neurorobo.engine.circuit import Reads
 from neurorobo.neurons import LIF, Surrogate
 from neurorobo.regions.weights import to_grid
@@ -497,6 +497,39 @@ def test_a_missing_input_is_named(training: bool) -> None:
     del inputs["b"]
     with torch.set_grad_enabled(training), pytest.raises(ValueError, match="inputs a, b, c was not given 'b'"):
         Network()(inputs)
+
+
+@pytest.mark.parametrize("training", [True, False])
+def test_an_unknown_layer_is_named(training: bool) -> None:
+    network = Network()
+    with torch.set_grad_enabled(training):
+        for given in ({"state": {"hiden": torch.zeros(2, 6)}}, {"wanted": ["hiden"]}):
+            with pytest.raises(ValueError, match="has no 'hiden'"):
+                network.circuit(window(), **given)
+
+
+@pytest.mark.parametrize("probing", ["spikes", "bits"])
+def test_a_probe_hears_every_layer(probing: str) -> None:
+    network, inputs = Network(), window()
+    expected, _ = network.alone(inputs)
+    heard: dict[str, Tensor] = {}
+
+    class Probe:
+        def __call__(self, layer: str, spikes: Tensor) -> None:
+            heard[layer] = spikes
+
+    class BitProbe(Probe):
+        def hear(self, layer: str, fired: Fired) -> None:
+            heard[layer] = fired.of(torch.arange(fired.neurons)).float()
+            assert fired.steps == len(heard[layer])
+            assert torch.equal(fired.count(), heard[layer].sum((0, 2)))
+            assert torch.equal(fired.of(torch.tensor([1, 0])), heard[layer][:, :, [1, 0]] != 0)
+
+    with torch.no_grad():
+        spikes, _ = network.circuit(inputs, wanted=["output"], probe=BitProbe() if probing == "bits" else Probe())
+    assert list(spikes) == ["output"]
+    assert list(heard) == list(expected)
+    assert_same([heard], [expected])
 
 
 def test_wirings_that_make_no_sense_are_refused() -> None:
