@@ -1,7 +1,6 @@
 """Who listens to the spikes inside a region, and what a layer fired, as bits."""
 
-from dataclasses import dataclass
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 from torch import Tensor
 
@@ -22,20 +21,15 @@ class BitProbe(Probe, Protocol):
         """Take what one layer fired, instead of being called with its spikes; to be kept, it must be read at once."""
 
 
-@dataclass(frozen=True)
-class Fired:
+class Fired(NamedTuple):
     """The spikes of a layer in a window, as ``words`` (steps, batch, words of 64 neurons)."""
 
     native: Kernels
     words: Tensor
+    steps: int
     neurons: int
 
-    @property
-    def steps(self) -> int:
-        """Return the number of steps."""
-        return len(self.words)
-
-    def count(self) -> Tensor:
+    def counts(self) -> Tensor:
         """Return the number of spikes (batch)."""
         return self.native.count(self.words)
 

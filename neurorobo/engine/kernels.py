@@ -91,9 +91,9 @@ class Kernels:
         self._run_window = library.neurorobo_run_window
         self._run_circuit = library.neurorobo_run_circuit
         self._encode = library.neurorobo_encode
-        self._encode.argtypes = (Pointer, *(Integer,) * 3, *(ctypes.c_double,) * 2, *(Pointer,) * 2)
+        self._encode.argtypes = (Pointer, *(Integer,) * 4, *(ctypes.c_double,) * 2, *(Pointer,) * 2)
         self._decode = library.neurorobo_decode
-        self._decode.argtypes = (Pointer, *(Integer,) * 3, *(ctypes.c_double,) * 2, Pointer)
+        self._decode.argtypes = (Pointer, *(Integer,) * 6, *(ctypes.c_double,) * 2, Pointer)
         self._scan_back = library.neurorobo_scan_back
         self._weight_gradient = library.neurorobo_weight_gradient
         for function in vars(self).values():
@@ -139,8 +139,9 @@ class Kernels:
     def pick(self, words: Tensor, sources: Tensor) -> Tensor:
         """Return, as booleans, the spikes (steps, batch, some) of some sources in words (steps, batch, words)."""
         steps, batch, row_words = words.shape
-        picked = sources.new_empty((steps, batch, len(sources)), dtype=torch.bool)
-        self._pick(words.data_ptr(), steps * batch, row_words, sources.data_ptr(), len(sources), picked.data_ptr())
+        (some,) = sources.shape
+        picked = sources.new_empty((steps, batch, some), dtype=torch.bool)
+        self._pick(words.data_ptr(), steps * batch, row_words, sources.data_ptr(), some, picked.data_ptr())
         return picked
 
     def pack_weights(self, weight: Tensor, old: Packed | None = None, *, narrow: bool = False) -> Packed:
@@ -284,27 +285,50 @@ class Kernels:
         return gradient
 
     def encode(
-        self, values: Tensor, steps: int, neurons: int, lo: float, hi: float, firsts: Tensor | None
-    ) -> Tensor | None:
-        """Return the spikes (steps, batch, width * neurons) of values (batch, width); None if one is not finite.
+        self, values: Tensor, lo: float, hi: float, firsts: Tensor | None, spikes: Tensor, neurons: int, after: int = 0
+    ) -> bool:
+        """Write the spikes (steps, batch, width, channels) of values (batch, width); False if one is not finite.
 
-        They are as many as the value's place in ``lo..hi`` tells, spread evenly, or nested if ``firsts`` says of each
-        (steps, 1, 1, neurons) from which number on it is there.
+        Of its channels, each value has the ``neurons`` ``after`` so many. Their spikes are as many as the value's place
+        in ``lo..hi`` tells, spread evenly, or nested if ``firsts`` says of each (steps, 1, 1, neurons) from which
+        number on it is there.
         """
-        batch, width = values.shape
-        spikes = self.empty((steps, batch, width * neurons))
+        steps, batch, width, channels = spikes.shape
         values = values.contiguous()
-        wrong = self._encode(
-            values.data_ptr(), batch * width, neurons, steps, lo, hi, _address(firsts), spikes.data_ptr()
+        wrong: int = self._encode(
+            values.data_ptr(),
+            batch * width,
+            neurons,
+            channels,
+            steps,
+            lo,
+            hi,
+            _address(firsts),
+            spikes.data_ptr() + 4 * after,
         )
-        return spikes if wrong < 0 else None
+        return wrong < 0
 
     def decode(self, spikes: Tensor, neurons: int, lo: float, resolution: float) -> Tensor:
         """Return ``lo + resolution * count`` (batch, width) of spikes (steps, batch, width * neurons)."""
         steps, batch, channels = spikes.shape
-        values = _floats((batch, channels // neurons))
-        spikes = spikes.contiguous()
-        self._decode(spikes.data_ptr(), steps, values.numel(), neurons, lo, resolution, values.data_ptr())
+        step_stride, batch_stride, stride = spikes.stride()
+        if stride != 1 and channels > 1:
+            spikes = spikes.contiguous()
+            step_stride, batch_stride, _ = spikes.stride()
+        width = channels // neurons
+        values = _floats((batch, width))
+        self._decode(
+            spikes.data_ptr(),
+            steps,
+            batch,
+            width,
+            neurons,
+            step_stride,
+            batch_stride,
+            lo,
+            resolution,
+            values.data_ptr(),
+        )
         return values
 
 

@@ -907,10 +907,10 @@ int64_t neurorobo_weight_gradient(const weight_gradient *k) {
 /* ---- Codes that count spikes ---- */
 
 /* Write the spikes (steps, values, neurons) of a code that turns each value into the nearest number of spikes: spread
- * evenly if `first` is NULL, else each where (steps, neurons) says from which number on it is there. Returns -1, or the
- * position of the first value that is not finite. */
-int64_t neurorobo_encode(const float *value, int64_t values, int64_t neurons, int64_t steps, double lo, double hi,
-                         const int64_t *first, float *spikes) {
+ * evenly if `first` is NULL, else each where (steps, neurons) says from which number on it is there. From one value's
+ * neurons to the next it is `stride` neurons. Returns -1, or the position of the first value that is not finite. */
+int64_t neurorobo_encode(const float *value, int64_t values, int64_t neurons, int64_t stride, int64_t steps, double lo,
+                         double hi, const int64_t *first, float *spikes) {
     int64_t slots = neurons * steps, room[COLUMNS];
     float low = (float)lo, range = (float)(hi - lo);
     for (int64_t v = 0; v < values; v++) {
@@ -923,7 +923,7 @@ int64_t neurorobo_encode(const float *value, int64_t values, int64_t neurons, in
             int64_t some = least(COLUMNS, neurons - n0);
             for (int64_t n = 0; n < some; n++) room[n] = (n0 + n) * steps;
             for (int64_t t = 0; t < steps; t++) {
-                float *row = spikes + (t * values + v) * neurons + n0;
+                float *row = spikes + (t * values + v) * stride + n0;
                 if (first) {
                     for (int64_t n = 0; n < some; n++) row[n] = count >= first[t * neurons + n0 + n] ? 1.0f : 0.0f;
                     continue;
@@ -939,14 +939,16 @@ int64_t neurorobo_encode(const float *value, int64_t values, int64_t neurons, in
     return -1;
 }
 
-/* Write `lo + resolution * count` of each value whose spikes (steps, values, neurons) are given. */
-void neurorobo_decode(const float *spikes, int64_t steps, int64_t values, int64_t neurons, double lo,
-                      double resolution, float *value) {
+/* Write `lo + resolution * count` of each value (batch, width) whose spikes (steps, batch, width, neurons), with these
+ * strides of steps and batch, are given. */
+void neurorobo_decode(const float *spikes, int64_t steps, int64_t batch, int64_t width, int64_t neurons,
+                      int64_t step_stride, int64_t batch_stride, double lo, double resolution, float *value) {
     float low = (float)lo, unit = (float)resolution;
-    for (int64_t v = 0; v < values; v++) {
+    for (int64_t v = 0; v < batch * width; v++) {
+        const float *first = spikes + v / width * batch_stride + v % width * neurons;
         float counts[LINE] = {0}, count = 0; /* whole numbers, whose sums are exact in any order */
         for (int64_t t = 0; t < steps; t++) {
-            const float *row = spikes + (t * values + v) * neurons;
+            const float *row = first + t * step_stride;
             int64_t n = 0;
             for (; n + LINE <= neurons; n += LINE)
                 for (int64_t i = 0; i < LINE; i++) counts[i] += row[n + i];

@@ -115,7 +115,8 @@ class PreparedCircuit:
 
     def fired(self, number: int) -> Fired:
         """Return what a layer fired in the window that was run last; it is overwritten by the next."""
-        return Fired(self._native, self._words[number], self._windows[number].neurons)
+        steps, _, neurons = self._shapes[number]
+        return Fired(self._native, self._words[number], steps, neurons)
 
     def run(
         self,

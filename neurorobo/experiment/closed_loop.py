@@ -147,7 +147,7 @@ class _Probe:
 
     def hear(self, layer: str, fired: Fired) -> None:
         """Take what one layer fired."""
-        count = fired.count()
+        count = fired.counts()
         self._count(count, fired.steps * fired.neurons)
         if self.keeps:
             self._keep(layer, LayerSpikes.of_bits(fired, count, self.watch.most_neurons))

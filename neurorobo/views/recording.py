@@ -150,7 +150,7 @@ class RerunRecorder(Recorder):
         for step, outputs in sample.outputs.items():
             for name, value in outputs.items():
                 self._rows[f"steps/{step}/{name}"].append(
-                    (sample.tick, value if len(value) == 1 else value[:1].clone())
+                    (sample.tick, value if value.shape[0] == 1 else value[:1].clone())
                 )
         for step, layers in sample.spikes.items():
             self._windows[step].append((sample.tick, {layer: spikes.of_first() for layer, spikes in layers.items()}))

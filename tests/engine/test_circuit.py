@@ -522,7 +522,7 @@ def test_a_probe_hears_every_layer(probing: str) -> None:
         def hear(self, layer: str, fired: Fired) -> None:
             heard[layer] = fired.of(torch.arange(fired.neurons)).float()
             assert fired.steps == len(heard[layer])
-            assert torch.equal(fired.count(), heard[layer].sum((0, 2)))
+            assert torch.equal(fired.counts(), heard[layer].sum((0, 2)))
             assert torch.equal(fired.of(torch.tensor([1, 0])), heard[layer][:, :, [1, 0]] != 0)
 
     with torch.no_grad():
