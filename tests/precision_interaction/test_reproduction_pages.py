@@ -4,7 +4,6 @@ import json
 from pathlib import Path
 
 import pytest
-
 from precision_interaction.reproduce.report import write_report
 from precision_interaction.reproduce.row import Setting
 from precision_interaction.reproduce.rows import rows
