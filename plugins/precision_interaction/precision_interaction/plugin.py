@@ -75,3 +75,9 @@ def neurorobo_register(registry: Registrar) -> None:
         "precision_interaction.rig.insertion_task_config:InsertionTaskConfig",
         "insert the peg to its full depth",
     )
+    registry.add(
+        "command",
+        "precision.reproduce",
+        "precision_interaction.reproduce.command:reproduce",
+        "measure the paper's figures and tables again and write a report",
+    )

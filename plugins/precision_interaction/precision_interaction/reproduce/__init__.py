@@ -1,0 +1,1 @@
+"""The paper's experiments, measured again: one row for each figure or table, in a report."""

@@ -1,0 +1,128 @@
+"""The command ``neurorobo reproduce``."""
+
+import time
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from importlib.util import find_spec
+from multiprocessing import get_context
+from pathlib import Path
+
+import click
+
+from neurorobo.cli.options import typed
+from neurorobo.errors import NeuroroboError
+from precision_interaction.reproduce.row import Result, Row, Setting
+from precision_interaction.reproduce.rows import rows
+from precision_interaction.reproduce.store import Store, as_json
+
+Measured = tuple[Result, float]
+"""A result, and the seconds of processor time that it took."""
+
+Waiting = tuple[Store, str, str]
+"""A cell that is to be measured, and its key."""
+
+
+@click.command()
+@click.argument("names", nargs=-1, metavar="[ROW]...")
+@click.option("--quick", is_flag=True, help="Try everything on a small scale; the figures mean nothing.")
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, file_okay=False),
+    help="Folder of the results and the report. Default: runs/reproduce, or runs/reproduce-quick.",
+)
+@click.option(
+    "--examples",
+    default=Path("examples"),
+    show_default=True,
+    type=click.Path(path_type=Path, file_okay=False),
+    help="Folder of the example experiments.",
+)
+@click.option("--jobs", default=2, show_default=True, type=click.IntRange(1), help="Processes, of one thread each.")
+@click.option("--list", "list_rows", is_flag=True, help="List the rows and stop.")
+def reproduce(
+    names: tuple[str, ...], quick: bool, out: Path | None, examples: Path, jobs: int, list_rows: bool
+) -> None:
+    """Measure the paper's figures and tables again and write a report.
+
+    Results are kept cell by cell in the folder --out, and are measured again only when the code or the configuration
+    that they depend on has changed; stopped at any time, the same command goes on.
+    """
+    known = {row.name: row for row in rows()}
+    if list_rows:
+        for row in known.values():
+            click.echo(f"{row.name:12} {row.minutes:5.0f} min  {row.paper:22} {row.title}")
+        return
+    if unknown := [name for name in names if name not in known]:
+        raise NeuroroboError(f"there is no row `{unknown[0]}`; there are: {', '.join(known)}")
+    if not (examples / "peg_in_hole.yaml").exists():
+        raise NeuroroboError(f"{examples} holds no peg_in_hole.yaml; run this in the repository, or give --examples")
+    if find_spec("matplotlib") is None:
+        raise NeuroroboError(
+            "the report's pictures need matplotlib; pip install 'neurorobo-precision-interaction[report]'"
+        )
+    folder = out or Path("runs") / ("reproduce-quick" if quick else "reproduce")
+    setting = Setting(examples.resolve(), quick)
+    chosen = [known[name] for name in names] if names else list(known.values())
+    stores = [Store(folder / "results", row, setting) for row in chosen]
+    measure_missing(stores, setting, jobs)
+    from precision_interaction.reproduce.report import write_report
+
+    every = [Store(folder / "results", row, setting) for row in known.values()]
+    path = write_report(folder, [store for store in every if store.kept and not store.missing()], setting, typed())
+    click.echo(str(path))
+
+
+def measure_missing(stores: Sequence[Store], setting: Setting, jobs: int) -> None:
+    """Measure all cells that are missing, and keep each as soon as it is there; several at once, or here with one job.
+
+    Raises what a cell does; all others that were finished are kept.
+    """
+    waiting = [(store, cell, store.key(cell)) for store in stores for cell in store.missing()]
+    started = time.monotonic()
+    measured = _here(waiting, setting) if jobs == 1 else _side_by_side(waiting, setting, jobs)
+    for done, ((store, cell, key), (result, seconds)) in enumerate(measured, start=1):
+        store.add(cell, key, result, seconds)
+        minutes = (time.monotonic() - started) / 60
+        words = f"{store.row.name}, {cell}: {seconds:.0f} s  ({minutes:.1f} min so far)"
+        click.echo(f"{done} of {len(waiting)}: {words}", err=True)
+
+
+def _here(waiting: Sequence[Waiting], setting: Setting) -> Iterator[tuple[Waiting, Measured]]:
+    for one in waiting:
+        yield one, _measure(type(one[0].row), one[1], setting)
+
+
+def _side_by_side(waiting: Sequence[Waiting], setting: Setting, jobs: int) -> Iterator[tuple[Waiting, Measured]]:
+    """Yield what is measured, in the order in which it ends; processes end with this generator."""
+    with ProcessPoolExecutor(min(jobs, max(1, len(waiting))), get_context("spawn"), _begin) as pool:
+        futures = {pool.submit(_measure, type(one[0].row), one[1], setting): one for one in waiting}
+        try:
+            for future in as_completed(futures):
+                store, cell, _ = futures[future]
+                try:
+                    yield futures[future], future.result()
+                except BrokenProcessPool:
+                    fault = f"{store.row.name}, {cell}: the process ended; is there enough memory?"
+                    raise NeuroroboError(fault) from None
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            for process in list((pool._processes or {}).values()):
+                process.terminate()
+            raise
+
+
+def _begin() -> None:
+    """Prepare a process: one thread, and Ctrl-C is for the parent."""
+    import signal
+
+    import torch
+
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    torch.set_num_threads(1)
+
+
+def _measure(kind: type[Row], cell: str, setting: Setting) -> Measured:
+    started = time.process_time()
+    result = as_json(kind().measure(cell, setting))
+    return result, time.process_time() - started
