@@ -6,6 +6,7 @@ from torch import Tensor
 from torch.autograd import forward_ad
 from torch.nn import functional
 
+from neurorobo.learning.supervise import _products
 from neurorobo.synapses import product
 from neurorobo.synapses.product import linear, subtract_linear
 
@@ -70,6 +71,15 @@ def test_large_products_go_where_they_are_fast(monkeypatch: pytest.MonkeyPatch) 
     linear(draw(512, 512), draw(512, 512))
     linear(draw(2, 512), draw(512, 512))
     assert len(called) == 1
+
+
+@pytest.mark.parametrize("precision", ["ieee", "bf16"])
+def test_the_wish_to_round_is_handed_on(capfd: pytest.CaptureFixture[str], precision: str) -> None:
+    if product._onednn() is None:
+        pytest.skip("torch was built without oneDNN")
+    with _products(precision), torch.backends.mkldnn.verbose(torch.backends.mkldnn.VERBOSE_ON):
+        linear(draw(512, 512), draw(512, 512))
+    assert ("fpmath:bf16" in capfd.readouterr().out) == (precision == "bf16")
 
 
 def test_without_onednn_it_is_still_torchs_product(monkeypatch: pytest.MonkeyPatch) -> None:
