@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from neurorobo.codes.code import Code
+from neurorobo.codes.code import Code, by_component
 
 if TYPE_CHECKING:
     import torch
@@ -50,7 +50,7 @@ class CoarseFine(Code):
         """Return the spikes of this code, of those of its two parts."""
         import torch
 
-        parts = (coarse.unflatten(-1, (-1, self.coarse.neurons)), fine.unflatten(-1, (-1, self.fine.neurons)))
+        parts = (by_component(coarse, self.coarse.neurons), by_component(fine, self.fine.neurons))
         return torch.cat(parts, dim=-1).flatten(2)
 
     def decode(self, spikes: "Tensor") -> "Tensor":
@@ -58,9 +58,9 @@ class CoarseFine(Code):
         import torch
 
         steps = len(spikes)
-        per_component = spikes.unflatten(-1, (-1, self.neurons))
-        coarse = self.coarse.decode(per_component[..., : self.coarse.neurons].flatten(2))
-        fine = self.fine.decode(per_component[..., self.coarse.neurons :].flatten(2))
+        each = by_component(spikes, self.neurons)
+        coarse = self.coarse.decode(each[..., : self.coarse.neurons].flatten(2))
+        fine = self.fine.decode(each[..., self.coarse.neurons :].flatten(2))
         margin = self.coarse.resolution(steps)
         inside = (coarse >= self.fine.lo - margin) & (coarse <= self.fine.hi + margin)
         half = self.fine.resolution(steps) / 2  # rounding may leave the decoded end a little short of the end

@@ -63,3 +63,8 @@ class Code(ABC):
         if not values.isfinite().all():
             raise ValueError(f"a value that is not finite cannot be encoded over {self.lo:g}..{self.hi:g}")
         return ((values - self.lo) / (self.hi - self.lo)).clamp(0, 1)
+
+
+def by_component(values: "Tensor", neurons: int) -> "Tensor":
+    """Return values (..., width * neurons) as (..., width, neurons)."""
+    return values.reshape(*values.shape[:-1], values.shape[-1] // neurons, neurons)  # -1 has no meaning in a batch of 0

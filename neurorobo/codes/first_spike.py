@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from neurorobo.codes.code import Code
+from neurorobo.codes.code import Code, by_component
 
 if TYPE_CHECKING:
     import torch
@@ -42,8 +42,8 @@ class TimeToFirstSpike(Code):
 
     def decode(self, spikes: "Tensor") -> "Tensor":
         """Sum the latencies of each component; not differentiable."""
-        steps, batch, _ = spikes.shape
+        steps = len(spikes)
         silent = spikes.amax(0) == 0
         latency = spikes.argmax(0).masked_fill(silent, steps - 1)
-        total = latency.view(batch, -1, self.neurons).sum(-1)
+        total = by_component(latency, self.neurons).sum(-1)
         return self.hi - total.to(spikes.dtype) * self.resolution(steps)

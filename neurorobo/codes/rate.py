@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING
 
-from neurorobo.codes.code import Code
+from neurorobo.codes.code import Code, by_component
 
 if TYPE_CHECKING:
     import torch
@@ -31,9 +31,8 @@ class CountCode(Code):
 
     def decode(self, spikes: "Tensor") -> "Tensor":
         """Count the spikes of each component; differentiable."""
-        steps, batch, _ = spikes.shape
-        counts = spikes.sum(0).view(batch, -1, self.neurons).sum(-1)
-        return self.lo + counts * self.resolution(steps)
+        counts = by_component(spikes.sum(0), self.neurons).sum(-1)
+        return self.lo + counts * self.resolution(len(spikes))
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from typing import NamedTuple, Protocol
 
+import torch
 from torch import Tensor
 
 from neurorobo.engine.kernels import Kernels
@@ -34,5 +35,13 @@ class Fired(NamedTuple):
         return self.native.count(self.words)
 
     def of(self, neurons: Tensor) -> Tensor:
-        """Return, as booleans, the spikes (steps, batch, some) of some neurons by number."""
-        return self.native.pick(self.words, neurons)
+        """Return, as booleans, the spikes (steps, batch, some) of some neurons by number (some).
+
+        Raises a ValueError if a number is not one of a neuron.
+        """
+        if neurons.dtype is not torch.int64 or not neurons.is_cpu or neurons.dim() != 1:
+            raise ValueError(
+                f"numbers of neurons are a row of torch.int64 on the CPU, got {neurons.dtype} "
+                f"of {tuple(neurons.shape)} on {neurons.device}"
+            )
+        return self.native.pick(self.words, self.neurons, neurons)

@@ -100,7 +100,7 @@ class Kernels:
             function.restype = Integer
         self._use_large_pages = library.neurorobo_use_large_pages
         self._use_large_pages.argtypes = (Pointer, Integer)
-        for function in (self._count, self._pick, self._scan_back, self._decode, self._use_large_pages):
+        for function in (self._count, self._scan_back, self._decode, self._use_large_pages):
             function.restype = None
         if openmp := _openmp():
             library.neurorobo_use_openmp(openmp)
@@ -136,12 +136,20 @@ class Kernels:
         self._count(words.data_ptr(), steps, batch, row_words, counts.data_ptr())
         return counts
 
-    def pick(self, words: Tensor, sources: Tensor) -> Tensor:
-        """Return, as booleans, the spikes (steps, batch, some) of some sources in words (steps, batch, words)."""
-        steps, batch, row_words = words.shape
+    def pick(self, words: Tensor, all_sources: int, sources: Tensor) -> Tensor:
+        """Return, as booleans, the spikes (steps, batch, some) of some sources in words (steps, batch, words).
+
+        A ValueError if any of their numbers (some), whole ones of 64 bits, is not below that of all sources.
+        """
+        steps, batch, _ = words.shape
         (some,) = sources.shape
+        sources = sources.contiguous()
         picked = sources.new_empty((steps, batch, some), dtype=torch.bool)
-        self._pick(words.data_ptr(), steps * batch, row_words, sources.data_ptr(), some, picked.data_ptr())
+        wrong: int = self._pick(
+            words.data_ptr(), steps * batch, all_sources, sources.data_ptr(), some, picked.data_ptr()
+        )
+        if wrong >= 0:
+            raise ValueError(f"neurons are numbered 0..{all_sources - 1}, got {sources[wrong].item()} at {wrong}")
         return picked
 
     def pack_weights(self, weight: Tensor, old: Packed | None = None, *, narrow: bool = False) -> Packed:

@@ -211,14 +211,17 @@ void neurorobo_count(const uint64_t *words, int64_t steps, int64_t batch, int64_
     }
 }
 
-/* Write the bits of some sources, a byte each. */
-void neurorobo_pick(const uint64_t *words, int64_t rows, int64_t row_words, const int64_t *sources, int64_t some,
-                    uint8_t *picked) {
-    for (int64_t r = 0; r < rows; r++, words += row_words)
+/* Write the bits of some sources, a byte each. Returns -1, or the position of the first that is not among them all. */
+int64_t neurorobo_pick(const uint64_t *words, int64_t rows, int64_t all, const int64_t *sources, int64_t some,
+                       uint8_t *picked) {
+    for (int64_t i = 0; i < some; i++)
+        if (sources[i] < 0 || sources[i] >= all) return i;
+    for (int64_t r = 0; r < rows; r++, words += pieces(all, WORD))
         for (int64_t i = 0; i < some; i++) {
             uint64_t source = (uint64_t)sources[i];
             *picked++ = words[source / WORD] >> (source % WORD) & 1;
         }
+    return -1;
 }
 
 /* Mirror a square of 64 x 64 bits, row i in square[i], by exchanging its quarters, their quarters and so on. */

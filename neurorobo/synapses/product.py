@@ -6,6 +6,7 @@ from typing import Any
 
 import torch
 from torch import Tensor
+from torch.autograd import forward_ad
 from torch.nn import functional
 
 LEAST_WORK = 2**20
@@ -22,7 +23,7 @@ def linear(rows: Tensor, weight: Tensor) -> Tensor:
         return functional.linear(rows, weight)
     if torch.is_grad_enabled() and (rows.requires_grad or weight.requires_grad):
         return _differentiable(rows, weight)
-    product: Tensor = _onednn()(rows.flatten(0, -2), weight, None, "none", [], "")
+    product: Tensor = _onednn()(_matrix(rows), weight, None, "none", [], "")
     return product.resize_(*rows.shape[:-1], len(weight))  # a view could not be overwritten by an autograd function
 
 
@@ -39,7 +40,8 @@ class _Linear(torch.autograd.Function):
 
     @staticmethod
     def forward(ctx: Any, rows: Tensor, weight: Tensor) -> Tensor:
-        ctx.save_for_backward(rows, weight)
+        needs_rows, needs_weight = ctx.needs_input_grad
+        ctx.save_for_backward(rows if needs_weight else None, weight if needs_rows else None)
         return linear(rows, weight)
 
     @staticmethod
@@ -48,10 +50,15 @@ class _Linear(torch.autograd.Function):
         for_rows = linear(grad, weight.t()) if ctx.needs_input_grad[0] else None
         if not ctx.needs_input_grad[1]:
             return for_rows, None
-        return for_rows, linear(grad.flatten(0, -2).t(), rows.flatten(0, -2).t())
+        return for_rows, linear(_matrix(grad).t(), _matrix(rows).t())
 
 
 _differentiable: Callable[[Tensor, Tensor], Tensor] = _Linear.apply
+
+
+def _matrix(rows: Tensor) -> Tensor:
+    """Return rows (..., sources) as one matrix; of the ways to do so, the one that batches of gradients can go."""
+    return rows.reshape(-1, rows.shape[-1])
 
 
 def _can_use_onednn(rows: Tensor, weight: Tensor) -> bool:
@@ -60,10 +67,15 @@ def _can_use_onednn(rows: Tensor, weight: Tensor) -> bool:
         and rows.dtype is weight.dtype is torch.float32
         and rows.is_cpu
         and weight.is_cpu
+        and rows.layout is weight.layout is torch.strided
+        and rows.shape[-1] == weight.shape[-1]  # if not, torch says it with numbers
         and _onednn() is not None
         and not torch.compiler.is_compiling()
         and torch._C._get_tracing_state() is None
         and not torch._C._are_functorch_transforms_active()
+        and not torch._C._functorch.is_legacy_batchedtensor(rows)
+        and not torch._C._functorch.is_legacy_batchedtensor(weight)
+        and forward_ad._current_level < 0
         and not torch._C._is_any_autocast_enabled()
     )
 

@@ -302,3 +302,16 @@ def test_a_code_knows_whether_gradients_flow_through_what_it_decodes(kind: Calla
     assert code.decode(spikes).requires_grad == code.differentiable
     both = CoarseFine.of(code, other)
     assert both.differentiable == code.differentiable
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        *(kind(4, 0, 1) for kind in DETERMINISTIC),
+        CoarseFine.of(PopulationUniform(4, 0, 1), PopulationNested(3, 0, 0.5)),
+    ],
+    ids=lambda code: type(code).__name__,
+)
+@pytest.mark.parametrize("shape", [(0, 2), (2, 0)], ids=str)
+def test_nothing_comes_back_as_nothing(code: Code, shape: tuple[int, int]) -> None:
+    assert there_and_back(code, torch.zeros(shape), 5).shape == shape

@@ -20,7 +20,7 @@ from torch import Tensor, nn
 from torch.nn.utils import prune
 
 from neurorobo.codes import PopulationUniform
-from neurorobo.engine import Layer, events, kernels
+from neurorobo.engine import Fired, Layer, events, kernels
 from neurorobo.engine.coding import decode, encode
 from neurorobo.neurons import LIF, Surrogate
 from neurorobo.neurons.surrogate import SurrogateShape
@@ -560,3 +560,32 @@ def test_all_shapes_agree_with_the_reference(shape: Shape, rate: float, bits: in
     theirs = gradients(plainly, layer, inputs, state)
     for name, gradient in gradients(run, layer, inputs, state).items():
         assert (gradient - theirs[name]).abs().max() <= 1e-4 * theirs[name].abs().max() + 1e-9, name
+
+
+def fired_of(given: Tensor) -> Fired:
+    native = kernels.kernels()
+    assert native is not None
+    return Fired(native, native.pack_spikes(given).words, len(given), given.shape[2])
+
+
+@pytest.mark.parametrize(
+    ("neurons", "words"),
+    [
+        (torch.tensor([0, 100]), r"numbered 0\.\.99, got 100 at 1"),
+        (torch.tensor([-1]), r"numbered 0\.\.99, got -1 at 0"),
+        (torch.tensor([2**40]), r"numbered 0\.\.99"),
+        (torch.tensor([0, 1], dtype=torch.int32), r"torch\.int64 on the CPU, got torch\.int32"),
+        (torch.tensor([[0, 1]]), r"got torch\.int64 of \(1, 2\)"),
+        (torch.tensor([0], device="meta"), "on meta"),
+    ],
+    ids=str,
+)
+def test_neurons_that_a_layer_does_not_have_are_not_picked(neurons: Tensor, words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        fired_of(spikes(5, 3, 100)).of(neurons)
+
+
+def test_some_neurons_are_picked_whatever_their_strides() -> None:
+    given, even = spikes(5, 3, 100), torch.arange(100)[::2]
+    assert torch.equal(fired_of(given).of(even), given[:, :, even] != 0)
+    assert fired_of(given).of(even[:0]).shape == (5, 3, 0)

@@ -10,6 +10,7 @@ import torch
 from torch import Tensor, nn
 
 from neurorobo.config.experiment import Experiment, load_experiment
+from neurorobo.engine.kernels import kernels
 from neurorobo.experiment.build import build, build_brain, build_region, build_task
 from neurorobo.experiment.closed_loop import run_episodes
 from neurorobo.experiment.lessons import read_lessons
@@ -41,6 +42,15 @@ def brain_of(file: str, radial: str) -> Brain:
 @pytest.fixture(params=SETS, ids=" ".join)
 def brain_of_each_set(request: pytest.FixtureRequest) -> Brain:
     return brain_of(*request.param)
+
+
+def test_the_largest_weights_take_eight_bits(brain_of_each_set: Brain) -> None:
+    native = kernels()
+    if native is None:
+        pytest.skip("only the native path packs weights")
+    purkinje = brain_of_each_set.region("cerebellum").get_submodule("purkinje.projections.0")
+    packed = native.pack_weights(purkinje.weight, narrow=True)
+    assert packed.bits == 8 and packed.unit in (2**-9, 2**-10)
 
 
 @pytest.fixture

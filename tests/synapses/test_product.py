@@ -3,8 +3,10 @@
 import pytest
 import torch
 from torch import Tensor
+from torch.autograd import forward_ad
 from torch.nn import functional
 
+from neurorobo.learning.supervise import _products
 from neurorobo.synapses import product
 from neurorobo.synapses.product import linear, subtract_linear
 
@@ -71,6 +73,15 @@ def test_large_products_go_where_they_are_fast(monkeypatch: pytest.MonkeyPatch) 
     assert len(called) == 1
 
 
+@pytest.mark.parametrize("precision", ["ieee", "bf16"])
+def test_the_wish_to_round_is_handed_on(capfd: pytest.CaptureFixture[str], precision: str) -> None:
+    if product._onednn() is None:
+        pytest.skip("torch was built without oneDNN")
+    with _products(precision), torch.backends.mkldnn.verbose(torch.backends.mkldnn.VERBOSE_ON):
+        linear(draw(512, 512), draw(512, 512))
+    assert ("fpmath:bf16" in capfd.readouterr().out) == (precision == "bf16")
+
+
 def test_without_onednn_it_is_still_torchs_product(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(product, "_onednn", lambda: None)
     rows, weight = draw(512, 512), draw(512, 512, seed=1)
@@ -87,3 +98,47 @@ def test_it_can_be_batched() -> None:
     rows, weight = draw(4, 256, 128), draw(128, 128, seed=1)
     batched = torch.func.vmap(linear, (0, None))(rows, weight)
     assert torch.equal(batched, functional.linear(rows, weight))
+
+
+def test_a_single_row_is_a_product_too() -> None:
+    row, weight = draw(1024, requires_grad=True), draw(1024, 1024, seed=1)
+    out = linear(row, weight)
+    assert torch.equal(out, functional.linear(row, weight))
+    assert torch.equal(torch.autograd.grad(out.sum(), row)[0], weight.sum(0))
+
+
+def test_its_gradients_come_in_batches() -> None:
+    found = []
+    for function in (linear, functional.linear):
+        rows, weight = draw(128, 128, requires_grad=True), draw(128, 128, seed=1, requires_grad=True)
+        out, grads = function(rows, weight), draw(3, 128, 128, seed=2)
+        found.append(torch.autograd.grad(out, (rows, weight), grads, is_grads_batched=True))
+    for ours, theirs in zip(*found, strict=True):
+        assert torch.equal(ours, theirs)
+
+
+@pytest.mark.filterwarnings("ignore:.torch.jit.script. is deprecated:DeprecationWarning")  # torch calls it itself
+def test_forward_mode_goes_through_it() -> None:
+    rows, weight = draw(128, 128), draw(128, 128, seed=1)
+    with forward_ad.dual_level():
+        out = linear(forward_ad.make_dual(rows, torch.ones_like(rows)), weight)
+        assert torch.equal(forward_ad.unpack_dual(out).tangent, weight.sum(1).expand(128, 128))
+
+
+@pytest.mark.filterwarnings("ignore:Sparse CSR tensor support is in beta state:UserWarning")
+def test_sparse_weights_go_through_torch() -> None:
+    rows, weight = draw(128, 128), draw(128, 128, seed=1)
+    assert torch.equal(linear(rows, weight.to_sparse_csr()), functional.linear(rows, weight))
+
+
+def test_sizes_that_do_not_fit_are_told_by_torch() -> None:
+    with pytest.raises(RuntimeError, match="200x100 and 130x130"):
+        linear(draw(200, 100), draw(130, 130))
+
+
+def test_what_needs_no_gradient_may_change_before_the_way_back() -> None:
+    rows, weight = draw(128, 128), draw(128, 128, seed=1, requires_grad=True)
+    out = linear(rows, weight)
+    with torch.no_grad():
+        weight.zero_()
+    assert torch.equal(torch.autograd.grad(out.sum(), weight)[0], rows.sum(0).expand(128, 128))
