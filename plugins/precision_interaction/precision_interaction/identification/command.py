@@ -71,8 +71,8 @@ def identify(log: Path, out: Path, law: str, simulate: Path | None, repetitions:
     _print(analysis)
     if analysis.coarse:
         click.echo(
-            f"note: the log counts forces in {analysis.count_mN:.3g} mN, wider than the contact's own deviation at some "
-            "step; means are off by up to half of it and variances are too large there, so filter the sensor",
+            f"note: the log counts forces in {analysis.count_mN:.3g} mN, wider than the contact's own deviation at "
+            "some step; means are off by up to half of it and variances are too large there, so filter the sensor",
             err=True,
         )
     click.echo(f"law       {fit.law}")

@@ -152,9 +152,7 @@ def _recovered(results: Mapping[str, Result], wanted: Wanted) -> Table:
 
 
 def _goodness(results: Mapping[str, Result]) -> Table:
-    lines = [
-        [case, "> 0.96", *(f"{np.min(row):.3f}" for row in results[case]["r_squared"])] for case in CASES
-    ]
+    lines = [[case, "> 0.96", *(f"{np.min(row):.3f}" for row in results[case]["r_squared"])] for case in CASES]
     steps = [f"{step:g} um" for step in results["measured"]["step_um"]]
     return Table(["rig", "paper", *steps], lines, "R^2 of the Gaussian in bins of 7 mN; of x and y the lesser one.")
 
