@@ -95,7 +95,7 @@ def test_the_statistic_is_as_large_as_chance_makes_it_and_finds_what_is_not_chan
     assert np.mean([test.mean for test in tests]) == pytest.approx(2, abs=0.6)
     assert np.mean([test.covariance for test in tests]) == pytest.approx(3, abs=0.8)
     assert 0.0 <= np.mean([test.p < 0.05 for test in tests]) < 0.12
-    assert additivity.compare(sample(1), sample(3.1), 3).p < 1e-6
+    assert additivity.compare(sample(1), sample(3.3), 3).p < 1e-6
 
 
 def test_a_spike_costs_its_fan_out() -> None:

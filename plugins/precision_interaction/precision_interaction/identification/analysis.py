@@ -89,7 +89,7 @@ class Analysis:
     @property
     def correlated(self) -> bool:
         """Whether x and y are correlated beyond doubt."""
-        return abs(self.correlation_xy) > quantile(1) / np.sqrt(self.repetitions.sum())
+        return bool(abs(self.correlation_xy) > quantile(1) / np.sqrt(self.repetitions.sum()))
 
     def best(self) -> ContactFit:
         """Return `measured` if any of its intercepts differs from 0 beyond doubt, else `proportional`."""

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 FILTERED, RAW_MN = 0.0, table_one.FORCE_RESOLUTION_MN
-CASES = {
+CASES: dict[str, tuple[MeasuredContactConfig | ProportionalContactConfig, float]] = {
     "measured": (MeasuredContactConfig(), FILTERED),
     "proportional": (ProportionalContactConfig(law="proportional"), FILTERED),
     "measured, sensor not filtered": (MeasuredContactConfig(), RAW_MN),
