@@ -10,7 +10,7 @@ import pytest
 import torch
 from precision_interaction.reproduce import additivity, firing_rates
 from precision_interaction.reproduce.additivity import Additivity
-from precision_interaction.reproduce.codes import CODES, SIZES, Codes
+from precision_interaction.reproduce.codes import CODES, SIZES, TRAINED_SIZES, Codes
 from precision_interaction.reproduce.contact import Contact
 from precision_interaction.reproduce.firing_rates import REGIONS, FiringRates
 from precision_interaction.reproduce.operations import dense_pJ, spiking_pJ, synapses
@@ -74,7 +74,7 @@ def test_additivity_shows_what_adds_up_and_notes_where_it_should_not(tmp_path: P
     for law, found in results.items():
         for form in additivity.FORMS:
             for one in found[form]:
-                one["p"] = 0.5 if additivity.HOLDS.get((law, form), True) else 0.0
+                one["p"] = 0.5 if additivity.HOLDS[law, form] else 0.0
     assert shown(Additivity(), results, tmp_path).misses == []
     results["measured"][additivity.LONGER][3]["p"] = 0.5
     assert Additivity().present(results, SETTING).misses == []  # one n that does not add up is enough
@@ -168,12 +168,12 @@ def test_codes_are_judged_by_their_repeatability_and_their_stated_resolution(tmp
     results: Results = {
         name: {
             "sizes": [{"neurons": size, **trip} for size in SIZES],
-            "hippocampus": {"rms": 3.0, "deviation": 0.0, "rate": 0.2},
+            "trained": {str(size): [{"rms": 3.0, "deviation": 0.0, "rate": 0.2}] for size in TRAINED_SIZES},
         }
         for name in CODES
     }
     assert shown(Codes(), results, tmp_path).misses == []
-    results["population uniform"]["hippocampus"]["deviation"] = 1.0
+    results["population uniform"]["trained"]["50"][0]["deviation"] = 1.0
     results["Gaussian receptive fields"]["sizes"][0]["largest_um_s"] = 0.06
     misses = Codes().present(results, SETTING).misses
     assert any("less repeatable than Poisson" in miss for miss in misses)
@@ -182,6 +182,6 @@ def test_codes_are_judged_by_their_repeatability_and_their_stated_resolution(tmp
 
 @pytest.mark.parametrize("cell", list(CODES))
 def test_every_code_can_feed_the_hippocampus(cell: str) -> None:
-    found = Codes().measure(cell, SETTING)["hippocampus"]
+    ((found,), _) = Codes().measure(cell, SETTING)["trained"].values()
     assert np.isfinite(found["rms"])
     assert (found["deviation"] > 0) == (cell == "Poisson")

@@ -13,8 +13,6 @@ LawName = Literal["measured", "proportional"]
 
 BIN_MN = 7.0
 CONFIDENCE = 0.95
-ROUNDS = 5
-"""How often a line through variances is weighted anew by what it says itself."""
 
 
 @dataclass(frozen=True)
@@ -109,8 +107,9 @@ def quantile(of_so_many: int) -> float:
 def analyse(log: ContactLog) -> Analysis:
     """Return what a log says; a NeuroroboError if the radial force never varies.
 
-    Lines are weighted least squares: a mean of n increments is known to sqrt(variance / n), a variance to
-    variance * sqrt(2 / (n - 1)). With a single step there is no `measured` fit.
+    Lines are least squares, each step counting the same: also where a line through the origin is not what the contact
+    does, it then is right for the long steps. A mean of n increments is known to sqrt(variance / n), a variance to
+    variance * sqrt(2 / (n - 1)), and from these follow the errors of a line. With one step there is no `measured` fit.
     """
     steps = log.steps_um
     samples = [log.of(step) for step in steps]
@@ -127,43 +126,37 @@ def analyse(log: ContactLog) -> Analysis:
     spread = np.repeat(np.sqrt(variance[:, :2]), repetitions.astype(int), axis=0)
     both = (spread > 0).all(1)
     correlation = float((deviation[both] / spread[both]).prod(1).sum() / max(both.sum() - 1, 1))
-    measured = _fit(steps, repetitions, mean, variance, "measured") if len(steps) > 1 else None
-    proportional = _fit(steps, repetitions, mean, variance, "proportional")
+    errors = np.sqrt(variance / repetitions[:, None]), variance * np.sqrt(2 / (repetitions - 1))[:, None]
+    measured = _fit("measured", steps, (mean, variance), errors) if len(steps) > 1 else None
+    proportional = _fit("proportional", steps, (mean, variance), errors)
     histograms = tuple(tuple(histogram(of_axis) for of_axis in sample.T) for sample in samples)
     count_mN = float(np.diff(np.unique(log.increment_mN[:, :2].round(6))).min())
     return Analysis(steps, repetitions, mean, variance, correlation, count_mN, measured, proportional, histograms)
 
 
-def _fit(steps: Array, repetitions: Array, mean: Array, variance: Array, law: LawName) -> ContactFit:
-    """Fit the variance first, as the errors of the means follow from it."""
-    with_intercept = law == "measured"
-    expected = variance.mean(0) + np.zeros_like(variance)
-    for _ in range(ROUNDS):  # by the line itself: a variance that came out small by chance is no better known
-        line = _line(steps, variance, expected * np.sqrt(2 / (repetitions - 1))[:, None], with_intercept, positive=True)
-        expected = line.at(steps)
-    error = np.sqrt(expected / repetitions[:, None])
-    return ContactFit(law, _line(steps, mean, error, with_intercept), line)
+def _fit(law: LawName, steps: Array, moments: tuple[Array, Array], errors: tuple[Array, Array]) -> ContactFit:
+    mean, variance = (
+        LineFit(*np.array([_line(steps, y, e, law == "measured", positive) for y, e in zip(ys.T, es.T, strict=True)]).T)
+        for ys, es, positive in zip(moments, errors, (False, True), strict=True)
+    )
+    return ContactFit(law, mean, variance)
 
 
-def _line(x: Array, y: Array, error: Array, with_intercept: bool, *, positive: bool = False) -> LineFit:
-    """Fit each column of y (n, axes), known to ``error``; ``positive`` allows no falling line and none below 0."""
-    columns = [_line_of(x, y[:, i], error[:, i], with_intercept, positive) for i in range(y.shape[1])]
-    intercept, slope, intercept_error, slope_error = np.array(columns).T
-    return LineFit(intercept, slope, intercept_error, slope_error)
+def _line(x: Array, y: Array, error: Array, with_intercept: bool, positive: bool) -> tuple[float, float, float, float]:
+    """Return intercept, slope and the errors of both; ``positive`` allows no falling line and none that starts below 0.
 
-
-def _line_of(x: Array, y: Array, error: Array, with_intercept: bool, positive: bool) -> tuple[float, ...]:
-    weight = 1 / np.maximum(error, 1e-9 * max(error.max(), 1e-9))
-    terms = np.stack([np.full_like(x, with_intercept), x], axis=1) * weight[:, None]
-    covariance = np.linalg.pinv(terms.T @ terms)
-    intercept, slope = covariance @ terms.T @ (y * weight)
-    if positive and slope < 0:  # the nearest that is possible is level
-        share = weight**2 / (weight**2).sum()
-        return float(share @ y), 0.0, float((weight**2).sum() ** -0.5), float(covariance[1, 1] ** 0.5)
+    Where it is one of those, the nearest line that is neither is returned, with the intercept's error of the first.
+    """
+    terms = np.stack([np.full_like(x, with_intercept), x], axis=1)
+    solution = np.linalg.pinv(terms)
+    intercept, slope = solution @ y
+    intercept_error, slope_error = np.sqrt(solution**2 @ error**2)
+    if positive and slope < 0:
+        intercept, slope = y.mean(), 0.0
     if positive and intercept < 0:
-        _, slope, _, slope_error = _line_of(x, y, error, False, False)
-        return 0.0, slope, float(covariance[0, 0] ** 0.5), slope_error
-    return float(intercept), float(slope), float(covariance[0, 0] ** 0.5), float(covariance[1, 1] ** 0.5)
+        _, slope, _, slope_error = _line(x, y, error, False, False)
+        intercept = 0.0
+    return float(intercept), float(slope), float(intercept_error), float(slope_error)
 
 
 def histogram(increment_mN: Array) -> Histogram:
@@ -175,8 +168,12 @@ def histogram(increment_mN: Array) -> Histogram:
     centre = mean + numbers * BIN_MN
     if deviation == 0:
         return Histogram(centre, share, share, 1.0)
-    normal = NormalDist(mean, deviation)
-    edges = np.append(centre - BIN_MN / 2, centre[-1] + BIN_MN / 2)
-    gaussian = np.diff([normal.cdf(edge) for edge in edges])
+    gaussian = gaussian_share(mean, deviation, centre)
     missed = ((share - gaussian) ** 2).sum()
     return Histogram(centre, share, gaussian, float(1 - missed / ((share - share.mean()) ** 2).sum()))
+
+
+def gaussian_share(mean_mN: float, deviation_mN: float, centre_mN: Array) -> Array:
+    """Return what a Gaussian has in bins of ``BIN_MN`` around these centres (n,)."""
+    normal = NormalDist(mean_mN, deviation_mN)
+    return np.array([normal.cdf(at + BIN_MN / 2) - normal.cdf(at - BIN_MN / 2) for at in centre_mN])

@@ -14,6 +14,7 @@ STYLE: dict[str, Any] = {
     "axes.spines.top": False,
     "axes.spines.right": False,
     "axes.grid": True,
+    "axes.axisbelow": True,
     "grid.color": "#e3e6e8",
     "grid.linewidth": 0.6,
     "legend.frameon": False,
