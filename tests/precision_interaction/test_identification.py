@@ -13,6 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from precision_interaction.identification.analysis import Analysis, LineFit, analyse, histogram, quantile
 from precision_interaction.identification.experiment import insert_and_withdraw
+from precision_interaction.identification.fragment import contact_of
 from precision_interaction.identification.log import ContactLog, read_log, write_log
 from precision_interaction.rig.insertion_rig_config import InsertionRigConfig
 
@@ -111,6 +112,13 @@ def test_a_coarse_sensor_is_told() -> None:
     assert not identified({"law": "measured"}).coarse
 
 
+def test_axes_that_are_the_same_still_make_a_contact() -> None:
+    step = np.repeat([10.0, 20.0], 50)
+    force = np.random.default_rng(0).normal(step, 3.0)
+    found = analyse(ContactLog(step, np.stack([force, force], axis=1), "log.csv"))
+    assert contact_of(found, found.best()).correlation.xy == pytest.approx(0.999)  # type: ignore[union-attr]
+
+
 def test_a_log_comes_back_as_it_was_written(tmp_path: Path) -> None:
     log = insert_and_withdraw(rig({"law": "measured"}), repetitions=10)
     write_log(log, tmp_path / "log.csv")
@@ -155,7 +163,8 @@ ROWS = "".join(f"10,{i},{2 * i}\n" for i in range(12))
         ("step_mm,increment_x_mN,increment_y_mN\n0.01,1,2\n", "the column step_mm is not in um; convert it"),
         ("step_um,increment_x_N,increment_y_N\n10,1,2\n", "the column increment_x_N is not in mN; convert it"),
         (HEADER, "no rows"),
-        (HEADER + ROWS + "10,nan,1\n", ":14: increment_x_mN is 'nan', not a finite number; correct or remove"),
+        (HEADER + ROWS + "10,nan,1\n", ":14: increment_x_mN is 'nan', not a number below 1e+09; correct or remove"),
+        (HEADER + ROWS + "10,1e300,1\n", ":14: increment_x_mN is '1e300', not a number below"),
         (HEADER + ROWS + "10,1\n", ":14: increment_y_mN is nothing"),
         (HEADER + ROWS + "10,one,1\n", ":14: increment_x_mN is 'one'"),
         (HEADER + ROWS + "-10,1,1\n" * 10, ":14: step_um is -10; log insertions only"),

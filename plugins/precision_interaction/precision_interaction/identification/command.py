@@ -91,6 +91,8 @@ def _rig_of(experiment: Path) -> "InsertionRigConfig":
 
 def _steps(log: "ContactLog") -> str:
     steps = log.steps_um
+    if len(steps) == 1:
+        return f"{len(log.step_um)} insertions of {steps[0]:g} um"
     return f"{len(log.step_um)} insertions at {len(steps)} steps of {steps[0]:g} to {steps[-1]:g} um"
 
 

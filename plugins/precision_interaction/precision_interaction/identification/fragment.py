@@ -1,9 +1,9 @@
 """The fitted contact as what stands under ``body: contact:`` of an experiment."""
 
+import numpy as np
 import yaml
-from pydantic import TypeAdapter, ValidationError
+from pydantic import TypeAdapter
 
-from neurorobo.errors import NeuroroboError
 from precision_interaction.identification.analysis import Analysis, ContactFit
 from precision_interaction.identification.log import Array
 from precision_interaction.rig.insertion_rig_config import (
@@ -14,6 +14,8 @@ from precision_interaction.rig.insertion_rig_config import (
 )
 
 DIGITS = 5
+LARGEST = 0.999
+"""Of a correlation: the rig wants axes that are not the same."""
 
 
 def contact_of(analysis: Analysis, fit: ContactFit) -> ContactConfig:
@@ -30,12 +32,9 @@ def contact_of(analysis: Analysis, fit: ContactFit) -> ContactConfig:
         told["mean_intercept"] = _texts(fit.mean.intercept, "mN")
         told["variance_intercept"] = _texts(fit.variance.intercept, "mN^2")
     if analysis.correlated:
-        told["correlation"] = Correlation(xy=round(analysis.correlation_xy, 3))
+        told["correlation"] = Correlation(xy=round(float(np.clip(analysis.correlation_xy, -LARGEST, LARGEST)), 3))
     kind = MeasuredContactConfig if fit.law == "measured" else ProportionalContactConfig
-    try:
-        return kind.model_validate(told)
-    except ValidationError as error:
-        raise NeuroroboError(f"the fitted contact cannot be written ({error}); look for outliers in the log") from None
+    return kind.model_validate(told)
 
 
 def as_yaml(contact: ContactConfig, comment: str) -> str:

@@ -23,6 +23,9 @@ UNIT_OF = {name: name.rpartition("_")[2] for name in (STEP, *INCREMENTS)}
 LEAST_REPETITIONS = 10
 """Of a step: the variance of so few insertions is known to about a half."""
 
+LARGEST = 1e9
+"""No sensor reads so much, in any unit; a number that is larger is a fault of the log."""
+
 
 @dataclass(frozen=True)
 class ContactLog:
@@ -130,7 +133,7 @@ def _wanted(path: Path, found: Sequence[str]) -> list[str]:
     if missing := [name for name in REQUIRED if name not in found]:
         raise NeuroroboError(
             f"{path}: no column {', '.join(missing)}; a log has a row for each insertion and the columns "
-            f"{', '.join(REQUIRED)} and, if measured, {INCREMENTS[2]}"
+            f"{', '.join(REQUIRED)} and, if measured, {INCREMENTS[2]}; this one has {', '.join(map(repr, found)) or 'none'}"
         )
     return [name for name in (STEP, *INCREMENTS) if name in found]
 
@@ -140,7 +143,7 @@ def _number(value: object, place: str) -> float:
         number = float(value)  # type: ignore[arg-type] # a TypeError is told below
     except (TypeError, ValueError):
         number = np.nan
-    if not np.isfinite(number):
+    if not abs(number) < LARGEST:
         shown = "nothing" if value is None or value == "" else repr(value)
-        raise NeuroroboError(f"{place} is {shown}, not a finite number; correct or remove the row")
+        raise NeuroroboError(f"{place} is {shown}, not a number below {LARGEST:g}; correct or remove the row")
     return number
