@@ -124,8 +124,9 @@ def analyse(log: ContactLog) -> Analysis:
             )
     deviation = np.concatenate([sample[:, :2] - sample[:, :2].mean(0) for sample in samples])
     spread = np.repeat(np.sqrt(variance[:, :2]), repetitions.astype(int), axis=0)
-    both = (spread > 0).all(1)
-    correlation = float((deviation[both] / spread[both]).prod(1).sum() / max(both.sum() - 1, 1))
+    varying = (variance[:, :2] > 0).all(1)  # a step at which an axis never varies tells nothing of the correlation
+    both, degrees = np.repeat(varying, repetitions.astype(int)), (repetitions - 1)[varying].sum()
+    correlation = float((deviation[both] / spread[both]).prod(1).sum() / max(degrees, 1))
     errors = np.sqrt(variance / repetitions[:, None]), variance * np.sqrt(2 / (repetitions - 1))[:, None]
     measured = _fit("measured", steps, (mean, variance), errors) if len(steps) > 1 else None
     proportional = _fit("proportional", steps, (mean, variance), errors)

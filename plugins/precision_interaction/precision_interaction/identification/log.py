@@ -133,7 +133,8 @@ def _wanted(path: Path, found: Sequence[str]) -> list[str]:
     if missing := [name for name in REQUIRED if name not in found]:
         raise NeuroroboError(
             f"{path}: no column {', '.join(missing)}; a log has a row for each insertion and the columns "
-            f"{', '.join(REQUIRED)} and, if measured, {INCREMENTS[2]}; this one has {', '.join(map(repr, found)) or 'none'}"
+            f"{', '.join(REQUIRED)} and, if measured, {INCREMENTS[2]}; this one has "
+            f"{', '.join(map(repr, found)) or 'none'}"
         )
     return [name for name in (STEP, *INCREMENTS) if name in found]
 
