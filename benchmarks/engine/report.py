@@ -41,10 +41,10 @@ WANTED_OF_PEERS = {"b1": 3.0, "b256": 3.0, "train": 1.5}
 EXPLANATION = """\
 H, P and C are the networks of hippocampus, prefrontal cortex and cerebellum: with random weights and spikes, or as they
 are shipped, on the spikes of recorded insertions. Firing rates are those of inputs, hidden neurons and outputs. A
-window has 50 steps; training is one step with Adam, and *bf16* rounds what goes into its matrix products. Weights lie
-on a grid, which lets the native path pack them in 8 or 16 bits; *floats* are the same weights without. *snnTorch* is
-its loop over the steps / the same layer by layer; *fastest peer* is of all, compiled ones included. The ratios are to
-these three; in brackets what is wanted."""
+window has 50 steps; training is one step with Adam, and *bf16* lets matrix products round their factors where the
+processor gains by it. Weights lie on a grid, which lets the native path pack them in 8 or 16 bits; *floats* are the
+same weights without. *snnTorch* is its loop over the steps / the same layer by layer; *fastest peer* is of all,
+compiled ones included. The ratios are to these three; in brackets what is wanted."""
 
 Row = Mapping[str, Any]
 

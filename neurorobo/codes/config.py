@@ -8,6 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from neurorobo.codes.code import Code
 from neurorobo.codes.first_spike import TimeToFirstSpike
 from neurorobo.codes.rate import Poisson, PopulationNested, PopulationUniform
+from neurorobo.codes.receptive_fields import LEAST_NEURONS, GaussianReceptiveFields
 
 
 class CodeConfig(BaseModel, ABC):
@@ -64,3 +65,14 @@ class TimeToFirstSpikeConfig(_PopulationConfig):
     def build(self, lo: float, hi: float) -> TimeToFirstSpike:
         """Return the code."""
         return TimeToFirstSpike(self.neurons, lo, hi)
+
+
+class GaussianReceptiveFieldsConfig(CodeConfig):
+    """Neurons that each answer to their own part of the range, the more the nearer the value is to their centre."""
+
+    type: Literal["gaussian_receptive_fields"] = "gaussian_receptive_fields"
+    neurons: int = Field(default=10, ge=LEAST_NEURONS, description="Neurons of each component of the quantity.")
+
+    def build(self, lo: float, hi: float) -> GaussianReceptiveFields:
+        """Return the code."""
+        return GaussianReceptiveFields(self.neurons, lo, hi)

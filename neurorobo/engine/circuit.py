@@ -46,6 +46,15 @@ class Circuit:
             self._stages.append(Stage(layer, [tuple(known[read] for read in group) for group in names]))
             known[name] = number
 
+    @property
+    def readings(self) -> dict[str, list[tuple[str, ...]]]:
+        """What each projection of each layer reads, as names of inputs and layers side by side."""
+        known = [*self.inputs, *self.layers]
+        return {
+            name: [tuple(known[number] for number in numbers) for numbers in stage.reads]
+            for name, stage in zip(self.layers, self._stages, strict=True)
+        }
+
     def __call__(
         self,
         inputs: Mapping[str, Tensor],

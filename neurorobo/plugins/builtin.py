@@ -41,6 +41,12 @@ def neurorobo_register(registry: Registrar) -> None:
         "one spike of each neuron, the earlier the larger the value",
     )
     registry.add(
+        "code",
+        "core.gaussian_receptive_fields",
+        "neurorobo.codes.config:GaussianReceptiveFieldsConfig",
+        "each neuron answers to its own part of the range",
+    )
+    registry.add(
         "rule",
         "core.supervise",
         "neurorobo.learning.phase:SupervisePhase",

@@ -81,3 +81,9 @@ def neurorobo_register(registry: Registrar) -> None:
         "precision_interaction.reproduce.command:reproduce",
         "measure the paper's figures and tables again and write a report",
     )
+    registry.add(
+        "command",
+        "precision.identify",
+        "precision_interaction.identification.command:identify",
+        "fit the contact of a rig to a log of insertions",
+    )

@@ -1,0 +1,187 @@
+"""The rows of contact, additivity, firing rates and codes: they judge what they show, and draw it."""
+
+import copy
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from precision_interaction.reproduce import additivity, firing_rates
+from precision_interaction.reproduce.additivity import Additivity
+from precision_interaction.reproduce.codes import CODES, SIZES, TRAINED_SIZES, Codes
+from precision_interaction.reproduce.contact import Contact
+from precision_interaction.reproduce.firing_rates import REGIONS, FiringRates
+from precision_interaction.reproduce.operations import dense_pJ, spiking_pJ, synapses
+from precision_interaction.reproduce.row import Presentation, Row, Setting
+from precision_interaction.reproduce.rows import rows
+from precision_interaction.reproduce.store import as_json
+
+from neurorobo.engine import Circuit, Layer
+from neurorobo.neurons import LIF
+from neurorobo.synapses import Dense, FanIn
+
+SETTING = Setting(Path(__file__).parents[2] / "examples", quick=True)
+Results = dict[str, dict[str, Any]]
+
+
+def measured(row: Row) -> Results:
+    return {cell: dict(as_json(row.measure(cell, SETTING))) for cell in row.cells(SETTING)}
+
+
+def shown(row: Row, results: Mapping[str, Any], tmp_path: Path) -> Presentation:
+    """Present, check the tables, and draw if there is something to draw with."""
+    presentation = row.present(results, SETTING)
+    for table in presentation.tables:
+        assert table.lines
+        assert all(len(line) == len(table.heads) for line in table.lines)
+    pytest.importorskip("matplotlib")
+    from precision_interaction.reproduce.plotting import save
+
+    for picture in presentation.pictures:
+        for file in save(picture, tmp_path):
+            assert file.stat().st_size > 1000
+    return presentation
+
+
+def test_they_are_registered() -> None:
+    assert {"contact", "additivity", "rates", "codes"} <= {row.name for row in rows()}
+
+
+def test_contact_is_measured_again_to_the_same(tmp_path: Path) -> None:
+    first, second = (Contact().measure("measured", SETTING) for _ in range(2))
+    assert as_json(first) == as_json(second)
+
+
+def test_contact_notes_what_is_missed(tmp_path: Path) -> None:
+    results = measured(Contact())
+    for found in results.values():
+        found["r_squared"] = [[0.99, 0.99] for _ in found["step_um"]]
+    good = copy.deepcopy(results)
+    results["measured"]["r_squared"][0][1] = 0.9
+    results["measured"]["chosen"] = "proportional"
+    results["proportional"]["fits"]["proportional"]["mean"]["slope"][0] = 1.0
+    misses = shown(Contact(), results, tmp_path).misses
+    assert "measured: least R^2 of a Gaussian is 0.9, wanted at least 0.96" in misses
+    assert "measured: the log was taken for the other law" in misses
+    assert any("mean slope" in miss and "proportional" in miss for miss in misses)
+    assert not any("R^2" in miss for miss in Contact().present(good, SETTING).misses)
+
+
+def test_additivity_shows_what_adds_up_and_notes_where_it_should_not(tmp_path: Path) -> None:
+    results = measured(Additivity())
+    for law, found in results.items():
+        for form in additivity.FORMS:
+            for one in found[form]:
+                one["p"] = 0.5 if additivity.HOLDS[law, form] else 0.0
+    assert shown(Additivity(), results, tmp_path).misses == []
+    results["measured"][additivity.LONGER][3]["p"] = 0.5
+    assert Additivity().present(results, SETTING).misses == []  # one n that does not add up is enough
+    for one in results["measured"][additivity.LONGER]:
+        one["p"] = 0.5
+    (miss,) = Additivity().present(results, SETTING).misses
+    assert miss.startswith("measured, one move of n x 20 um")
+
+
+def test_the_statistic_is_as_large_as_chance_makes_it_and_finds_what_is_not_chance() -> None:
+    generator = np.random.default_rng(0)
+    factor = np.linalg.cholesky([[4.0, 1.0], [1.0, 2.0]])
+
+    def sample(steps: float, count: int = 3000) -> Any:
+        return steps * np.array([3.0, 5.0]) + np.sqrt(steps) * generator.standard_normal((count, 2)) @ factor.T
+
+    tests = [additivity.compare(sample(1), sample(3), 3) for _ in range(200)]
+    assert np.mean([test.mean for test in tests]) == pytest.approx(2, abs=0.6)
+    assert np.mean([test.covariance for test in tests]) == pytest.approx(3, abs=0.8)
+    assert 0.0 <= np.mean([test.p < 0.05 for test in tests]) < 0.12
+    assert additivity.compare(sample(1), sample(3.3), 3).p < 1e-6
+
+
+def test_a_spike_costs_its_fan_out() -> None:
+    generator = torch.Generator().manual_seed(0)
+    first = Layer([FanIn(6, 10, 2, generator)], LIF())
+    second = Layer([Dense(10, 4, generator), Dense(6, 4, generator)], LIF(), recurrent=Dense(4, 4, generator))
+    circuit = Circuit(["a", "b"], {"first": (first, [("a", "b")]), "second": (second, ["first", ("a", "b")])})
+    ones = {"a": torch.ones(1, 2), "b": torch.ones(1, 4), "first": torch.ones(1, 10), "second": torch.ones(1, 4)}
+    found = {one.name: (one.count, one.operations(ones).item()) for one in synapses(circuit)}
+    assert found == {
+        "first <- a, b": (20, 20),
+        "second <- first": (40, 40),
+        "second <- a, b": (24, 24),
+        "second <- second": (16, 16),
+    }
+    (of_first, *_) = synapses(circuit)
+    twice = {"a": torch.tensor([[2.0, 0.0]]), "b": torch.zeros(1, 4)}
+    projection = first.projections[0]
+    assert of_first.operations(twice).item() == 2 * (projection.source_index == 0).sum()
+
+
+def test_energy_is_that_of_its_operations() -> None:
+    assert spiking_pJ(10, 0) == pytest.approx(9.0)
+    assert spiking_pJ(0, 10) == dense_pJ(10) == pytest.approx(46.0)
+
+
+def test_rates_are_those_that_a_run_tells_and_nothing_fires_without_a_spike(tmp_path: Path) -> None:
+    from neurorobo.config.experiment import load_experiment
+    from neurorobo.experiment.build import build_brain, build_task
+    from neurorobo.experiment.closed_loop import run_episodes
+
+    results = measured(FiringRates())
+    presentation = shown(FiringRates(), results, tmp_path)
+    assert not any("without an input spike" in miss for miss in presentation.misses)
+    assert results["at rest"]["hippocampus"]["zero"] == 0
+    assert results["at rest"]["cerebellum"]["zero"] > 0
+
+    experiment = load_experiment(SETTING.examples / firing_rates.EXAMPLE)
+    episodes = run_episodes(build_brain(experiment), build_task(experiment), range(firing_rates.QUICK_EPISODES))
+    for name in REGIONS:
+        told = np.mean([episode.firing_rates[name] for episode in episodes])
+        assert results["insertions"]["regions"][name]["mean"] == pytest.approx(told, rel=0.05)
+
+
+def test_a_region_that_fires_too_fast_is_noted(tmp_path: Path) -> None:
+    region = {
+        "mean": 0.5,
+        "deviation": 0.1,
+        "deviation_of_windows": 0.1,
+        "deviation_of_neurons": 0.1,
+        "layers": {"hidden": 0.5},
+        "neurons": 10,
+        "windows": [0.5] * firing_rates.WINDOWS,
+        "histogram": [10, *([0] * (firing_rates.BINS - 1))],
+        "uses": 4.0,
+        "updates": 2000.0,
+        "operations": {"hidden <- speed": 1000.0},
+        "synapses": {"hidden <- speed": 50},
+    }
+    results = {
+        "insertions": {"periods": 10, "steps": 50, "regions": dict.fromkeys(REGIONS, region)},
+        "at rest": {name: {"no_spikes": 0.0, "zero": 0.1} for name in REGIONS},
+    }
+    (miss,) = shown(FiringRates(), results, tmp_path).misses
+    assert miss == "mean firing rate of the three regions is 0.5, wanted at most 0.2"
+
+
+def test_codes_are_judged_by_their_repeatability_and_their_stated_resolution(tmp_path: Path) -> None:
+    trip = {"resolution_um_s": 0.1, "rms_um_s": 0.03, "largest_um_s": 0.05, "deviation_um_s": 0.0, "rate": 0.5}
+    results: Results = {
+        name: {
+            "sizes": [{"neurons": size, **trip} for size in SIZES],
+            "trained": {str(size): [{"rms": 3.0, "deviation": 0.0, "rate": 0.2}] for size in TRAINED_SIZES},
+        }
+        for name in CODES
+    }
+    assert shown(Codes(), results, tmp_path).misses == []
+    results["population uniform"]["trained"]["50"][0]["deviation"] = 1.0
+    results["Gaussian receptive fields"]["sizes"][0]["largest_um_s"] = 0.06
+    misses = Codes().present(results, SETTING).misses
+    assert any("less repeatable than Poisson" in miss for miss in misses)
+    assert any(miss.startswith("Gaussian receptive fields, 6 neurons: largest error") for miss in misses)
+
+
+@pytest.mark.parametrize("cell", list(CODES))
+def test_every_code_can_feed_the_hippocampus(cell: str) -> None:
+    ((found,), _) = Codes().measure(cell, SETTING)["trained"].values()
+    assert np.isfinite(found["rms"])
+    assert (found["deviation"] > 0) == (cell == "Poisson")
