@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from neurorobo.clock import Clock
 from neurorobo.engine import Circuit, Layer
@@ -20,6 +20,9 @@ class Hippocampus(Region):
 
     Nothing fires without input, so no speed means no contact. The state is the hidden layer's potential, which also
     says who fired last; the output neurons start every window at rest.
+
+    With a `fixed` recurrence the hidden layer is the liquid of a liquid state machine (Maass et al. 2002): drawn once,
+    and no part of what can be trained, but for the synapses that excite it.
     """
 
     config: HippocampusConfig
@@ -33,8 +36,8 @@ class Hippocampus(Region):
                 for name, port in self.input_ports.items()
             ],
             spiking_neural_unit(surrogate=SURROGATE),
-            recurrent=Dense(hidden, hidden, generator, gain=0.5),
-            trainable_threshold=True,
+            recurrent=None if config.recurrence == "none" else Dense(hidden, hidden, generator, gain=0.5),
+            trainable_threshold=config.recurrence != "fixed",
         )
         self._sizes = [port.channels for port in self.output_ports.values()]
         self.output = Layer([Dense(hidden, sum(self._sizes), generator)], LIF(surrogate=SURROGATE))
@@ -52,3 +55,9 @@ class Hippocampus(Region):
         """Look one period further ahead than the feedback does."""
         spikes, after = self._circuit(inputs, state, ["output"], probe)
         return dict(zip(self.output_ports, spikes["output"].split(self._sizes, dim=-1), strict=True)), after
+
+    def parameter_groups(self) -> Mapping[str, nn.Module]:
+        """Return `hidden` and `output`; with a fixed recurrence `input`, the synapses onto the liquid, and `output`."""
+        if self.config.recurrence == "fixed":
+            return {"input": self.hidden.projections, "output": self.output}
+        return super().parameter_groups()

@@ -29,6 +29,12 @@ class HippocampusConfig(RegionConfig):
     outer: bool = Field(
         default=True, description="Whether the outputs of one window feed the next (the outer recurrence)."
     )
+    recurrence: Literal["trained", "fixed", "none"] = Field(
+        default="trained",
+        exclude_if=lambda recurrence: recurrence == "trained",  # the hashes of what was trained before stay the same
+        description="The synapses of the hidden neurons among themselves (the inner recurrence): trained; drawn once "
+        "and left as they are, thresholds too, as in a liquid state machine; or none.",
+    )
     start_speed: Annotated[float, Unit("um/s", ge=0)] = Field(
         default=table_one.CREEP_SPEED_UM_S, description="The speed before anything is planned."
     )
