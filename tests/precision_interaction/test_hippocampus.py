@@ -202,6 +202,16 @@ def test_weights_of_other_recurrences_do_not_fit_and_the_default_is_not_told() -
     assert HippocampusConfig.model_validate(HippocampusConfig().model_dump()) == HippocampusConfig()
 
 
+def test_the_width_of_the_surrogate_changes_what_is_learnt_but_not_what_fires_nor_what_weights_fit() -> None:
+    narrow, wide = hippocampus(surrogate_width=0.5), hippocampus()
+    speed_um_s = torch.tensor([[60.0]])
+    (before,), (same,) = windows(narrow, speed_um_s, 1), windows(wide, speed_um_s, 1)
+    assert before["mean"].any() and before["mean"].equal(same["mean"])
+    assert narrow.config.signature(narrow.clock) == wide.config.signature(wide.clock)
+    weights = [trained_a_little(region).output.projections[0].weight for region in (narrow, wide)]
+    assert not weights[0].equal(weights[1])
+
+
 def test_it_learns_to_look_two_periods_ahead() -> None:
     region = hippocampus()
     teacher = ContactLaw(ContactLawConfig(), clock(), torch.Generator())

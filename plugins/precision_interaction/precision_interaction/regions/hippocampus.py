@@ -12,8 +12,6 @@ from neurorobo.regions.region import Probe, Region, State
 from neurorobo.synapses import Dense
 from precision_interaction.regions.hippocampus_config import HippocampusConfig
 
-SURROGATE = Surrogate("arctan", 1.0)
-
 
 class Hippocampus(Region):
     """Speed and feedback -> recurrent spiking neural units -> mean and variance (Sec. IV-B, Fig. 2).
@@ -29,18 +27,18 @@ class Hippocampus(Region):
 
     def __init__(self, config: HippocampusConfig, clock: Clock, generator: torch.Generator) -> None:
         super().__init__(config, clock, generator)
-        hidden = config.hidden_neurons
+        hidden, surrogate = config.hidden_neurons, Surrogate("arctan", config.surrogate_width)
         self.hidden = Layer(
             [
                 Dense(port.channels, hidden, generator, gain=2.0 if name == "speed" else 1.0)
                 for name, port in self.input_ports.items()
             ],
-            spiking_neural_unit(surrogate=SURROGATE),
+            spiking_neural_unit(surrogate=surrogate),
             recurrent=None if config.recurrence == "none" else Dense(hidden, hidden, generator, gain=0.5),
             trainable_threshold=config.recurrence != "fixed",
         )
         self._sizes = [port.channels for port in self.output_ports.values()]
-        self.output = Layer([Dense(hidden, sum(self._sizes), generator)], LIF(surrogate=SURROGATE))
+        self.output = Layer([Dense(hidden, sum(self._sizes), generator)], LIF(surrogate=surrogate))
         self._circuit = Circuit(
             self.input_ports, {"hidden": (self.hidden, list(self.input_ports)), "output": (self.output, ["hidden"])}
         )
