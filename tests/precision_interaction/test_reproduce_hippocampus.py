@@ -29,7 +29,7 @@ def fabricated(cell: str, error: float) -> dict[str, Any]:
 
 def test_there_is_a_cell_for_each_network_course_and_seed() -> None:
     cells = fig5.Fig5().cells(FULL)
-    assert len(set(cells)) == len(cells) == (2 * 5 + 2) * 5
+    assert len(set(cells)) == len(cells) == (2 * 5 + 3) * 5
     for network in fig5.NETWORKS:
         assert {f"{network}; {fig5.LONG}; seed {seed}" for seed in range(5)} <= set(cells)
     assert len(fig5.Fig5().cells(QUICK)) == len(cells) / 5

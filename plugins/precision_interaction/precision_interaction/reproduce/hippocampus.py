@@ -57,7 +57,8 @@ NETWORKS = {
     DOUBLE: Network("trained", True, (3.8, 4.9, 7.3)),
 }
 
-FALLING, EXAMPLE, LONG, FEW = "falling rate", "example", "long", "long, 11 speeds"
+FALLING, EXAMPLE, NARROW, LONG = "falling rate", "example", "example, narrow", "ours"
+FEW = f"{LONG}, 11 speeds"
 
 
 def _phase(windows: int, steps: int, learning_rate: float, schedule: str, batch: int) -> SupervisePhase:
@@ -78,18 +79,19 @@ def _phase(windows: int, steps: int, learning_rate: float, schedule: str, batch:
     )
 
 
+LONG_COURSE = [
+    _phase(1, 100, 0.05, "constant", 32),
+    _phase(2, 100, 0.05, "constant", 32),
+    _phase(3, 2400, 0.05, "cosine", 32),
+]
 COURSES = {
     # Sec. VI-A: a horizon of n starts from what one of n - 1 has learnt, at a lower rate; the rest is not printed.
     FALLING: [_phase(n, 500, rate, "constant", 32) for n, rate in ((1, 0.05), (2, 0.02), (3, 0.008))],
-    LONG: [
-        _phase(1, 100, 0.05, "constant", 32),
-        _phase(2, 100, 0.05, "constant", 32),
-        _phase(3, 2400, 0.05, "cosine", 32),
-    ],
+    LONG: LONG_COURSE,
+    FEW: LONG_COURSE,
 }
+SURROGATE_WIDTH = {FALLING: 1.0, EXAMPLE: 1.0, NARROW: 0.5, LONG: 0.5, FEW: 0.5}
 
-
-WORDS = ("",)
 RANGE = "360 mN and 360 mN²"
 FIG5_CAPTION = (
     "Fig. 5 with our networks: what each expects (dots, first training seed) and the law (lines) for n = 1 (red), 2 "
@@ -101,7 +103,7 @@ AHEAD_CAPTION = (
     f"`{LONG}`. Crosses: the paper. Right of the dashed line nothing was trained."
 )
 LEARNING_CAPTION = (
-    f"The {DOUBLE}: errors while it trains, on one core, every seed of three courses. Dashed: wanted; dotted: the aim."
+    f"The {DOUBLE}: errors while it trains, on one core, every seed of four courses. Dashed: wanted; dotted: the aim."
 )
 
 
@@ -148,7 +150,7 @@ class Fig5(Row):
         """Train one network and compare it with the law; only the times differ from run to run."""
         (case,) = (case for case in _cases(setting) if case.name == cell)
         network, phases = NETWORKS[case.network], _course(case.course, setting)
-        region = build(network, case.seed)
+        region = build(network, case.seed, SURROGATE_WIDTH[case.course])
         data: Data = FewSpeeds() if case.course == FEW else InsertionSpeeds(InsertionSpeedsConfig(), CLOCK)
         curve = Curve(region, 1 if setting.quick else 50)
         train(region, phases, data, case.seed, network.freeze, curve)
@@ -199,24 +201,24 @@ class Fig5(Row):
             Picture(
                 "fig5_learning",
                 LEARNING_CAPTION,
-                _learning({course: of(DOUBLE, course) for course in (FALLING, EXAMPLE, LONG)}),
+                _learning({course: of(DOUBLE, course) for course in (FALLING, EXAMPLE, NARROW, LONG)}),
                 (7.5, 3.2),
             ),
         ]
-        return Presentation(WORDS, tables, pictures, wanted.misses)
+        return Presentation(_words(of), tables, pictures, wanted.misses)
 
 
 def _cases(setting: Setting) -> list[Case]:
-    """Return what is trained: all networks by two courses, and the one with both recurrences by two more."""
+    """Return what is trained: all networks by two courses, and the one with both recurrences by three more."""
     seeds = SEEDS[:1] if setting.quick else SEEDS
     pairs = [(network, course) for course in (FALLING, LONG) for network in NETWORKS]
-    pairs += [(DOUBLE, EXAMPLE), (DOUBLE, FEW)]
-    return [Case(network, course, seed) for network, course in pairs for seed in seeds]
+    pairs += [(DOUBLE, course) for course in (EXAMPLE, NARROW, FEW)]
+    return [Case(network, course, seed) for seed in seeds for network, course in pairs]
 
 
 def _course(name: str, setting: Setting) -> list[SupervisePhase]:
     """Return the phases of a course."""
-    if name == EXAMPLE:
+    if name in (EXAMPLE, NARROW):
         experiment = load_experiment(setting.examples / "peg_in_hole.yaml")
         phases = [
             phase for phase in experiment.train if isinstance(phase, SupervisePhase) and phase.region == "hippocampus"
@@ -226,9 +228,9 @@ def _course(name: str, setting: Setting) -> list[SupervisePhase]:
     return [phase.model_copy(update={"steps": 2}) for phase in phases] if setting.quick else phases
 
 
-def build(network: Network, seed: int) -> Hippocampus:
+def build(network: Network, seed: int, surrogate_width: float = 1.0) -> Hippocampus:
     """Return a network with fresh weights."""
-    config = HippocampusConfig(recurrence=network.recurrence, outer=network.outer)
+    config = HippocampusConfig(recurrence=network.recurrence, outer=network.outer, surrogate_width=surrogate_width)
     return Hippocampus(config, CLOCK, torch.Generator().manual_seed(seed))
 
 
@@ -340,6 +342,35 @@ def _line(found: Sequence[Result], key: str = "rms", periods: slice = slice(TRAI
     return [with_interval(column) for column in np.transpose([_means(one, key)[periods] for one in found])]
 
 
+def _words(of: Of) -> list[str]:
+    """Return what was done, and why the order is what it is; figures come from the results."""
+
+    def errors(network: str) -> str:
+        return " / ".join(f"{_mean(of(network, LONG), n):.1f}" for n in range(TRAINED_PERIODS))
+
+    missing = rms(law_ahead(SPEEDS_UM_S, 1)).mean().item()
+    return [
+        "Each network reads the speed, the same in every window, and its state goes on from one window to the next; "
+        "with feedback the spikes of its outputs are inputs of the next window. What is wanted of window n is n times "
+        "the law (Eq. 35). All have the same neurons, codes, data and number of steps. In the liquid state machines "
+        "only the readout is trained; without feedback a network is trained for n = 1 and asked for the later windows "
+        "as it is. Seeds are those of the first weights and of the data.",
+        "Why this order. Without feedback nothing tells a network which window it is in but the potentials of its "
+        "hidden neurons, of which a fifth is left after a step and nothing after a window. So it says the same every "
+        f"time, and what it lacks for n = 2 and 3 is the contact of one and two periods, {missing:.0f} and "
+        f"{2 * missing:.0f} over all speeds, whether its synapses are trained (`RSNU`: {errors('RSNU')}) or not "
+        f"(`liquid state machine`: {errors('liquid state machine')}); the order of these two for n = 2 and 3 means "
+        "little. The paper's two differ there; it does not say how it asked them for later windows.",
+        "With feedback a network adds one period to what it hears, and errors grow with n because each window starts "
+        "from the error of the one before. Then training more of the hidden layer helps: the "
+        f"{DOUBLE} is at {errors(DOUBLE)}, the feedforward network at {errors('feedforward, feedback')}, and the "
+        f"liquid state machine, whose hidden layer is as it was drawn, at {errors('liquid state machine, feedback')}. "
+        "The paper's feedforward network is far worse, 14.3 for n = 1, and we could not find a reason for that in the "
+        "task: the law is linear and inputs and outputs are rates, for which a hidden layer of 343 trained neurons "
+        "needs no memory within a window.",
+    ]
+
+
 def _networks_table(of: Of) -> Table:
     heads = ["network", "paper", *(f"ours, n = {n}" for n in (1, 2, 3)), *(f"{FALLING}, n = {n}" for n in (1, 2, 3))]
     lines = [
@@ -358,7 +389,7 @@ def _networks_table(of: Of) -> Table:
 def _courses_table(of: Of) -> Table:
     heads = ["course", "steps", "minutes", "n = 1", "n = 2", "n = 3", "wanted after", "aim after"]
     lines = []
-    for course in (FALLING, EXAMPLE, LONG):
+    for course in (FALLING, EXAMPLE, NARROW, LONG):
         found = of(DOUBLE, course)
         minutes = [one["curve"][-1][1] / 60 for one in found]
         reached = [_reached([one["curve"] for one in found], limits) for limits in (WANTED, AIM)]
@@ -405,7 +436,8 @@ def _beyond_table(of: Of) -> Table:
 
 
 def _seeds_table(of: Of, seeds: Sequence[int]) -> Table:
-    pairs = [(name, course) for course in (LONG, FALLING) for name in NETWORKS] + [(DOUBLE, EXAMPLE), (DOUBLE, FEW)]
+    pairs = [(name, course) for course in (LONG, FALLING) for name in NETWORKS]
+    pairs += [(DOUBLE, course) for course in (EXAMPLE, NARROW, FEW)]
     lines = [
         [
             name,
