@@ -132,6 +132,86 @@ def test_speeds_cover_their_range() -> None:
     assert part.tolist() == list(range(40))  # one in every um/s
 
 
+def trained_a_little(region: Hippocampus, **options: Any) -> Hippocampus:
+    phase = SupervisePhase(
+        region="hippocampus",
+        teacher="precision.law",
+        data="precision.insertion_speeds",
+        loss={"mean": "1 mN", "variance": "1 mN^2"},
+        unroll=Unroll(windows=2, feedback=FEEDBACK),
+        steps=2,
+        batch=8,
+        warmup=0,
+        **options,
+    )
+    teacher = ContactLaw(ContactLawConfig(), clock(), torch.Generator())
+    data = InsertionSpeeds(InsertionSpeedsConfig(), clock())
+    supervise(region, teacher, data, phase, torch.Generator().manual_seed(3))
+    return region
+
+
+def changed(recurrence: str, **options: Any) -> set[str]:
+    """The parameters that training changes."""
+    after = trained_a_little(hippocampus(recurrence=recurrence), **options).state_dict()
+    return {
+        name for name, value in hippocampus(recurrence=recurrence).state_dict().items() if (value != after[name]).any()
+    }
+
+
+def test_a_fixed_recurrence_is_not_trained_nor_are_its_thresholds() -> None:
+    assert "hidden.recurrent.weight" in changed("trained")
+    assert "hidden.threshold" in changed("trained")
+    synapses = {f"hidden.projections.{number}.weight" for number in range(3)}
+    assert changed("fixed") == {*synapses, "output.projections.0.weight"}
+    assert changed("fixed", freeze=("input",)) == {"output.projections.0.weight"}  # all of the liquid as it was drawn
+
+
+def test_a_fixed_recurrence_starts_as_a_trained_one_does() -> None:
+    speed_um_s = torch.tensor([[60.0]])
+    for fixed, trained in zip(
+        windows(hippocampus(recurrence="fixed"), speed_um_s, 2), windows(hippocampus(), speed_um_s, 2), strict=True
+    ):
+        assert fixed["mean"].any() and fixed["mean"].equal(trained["mean"])
+
+
+def test_without_inner_recurrence_hidden_neurons_do_not_hear_one_another() -> None:
+    region = hippocampus(recurrence="none", outer=False)
+    assert region.hidden.recurrent is None
+    code = region.input_ports["speed"].code
+    assert code is not None
+    heard: list[Tensor] = []
+
+    def listen(layer: str, spikes: Tensor) -> None:
+        if layer == "hidden":
+            heard.append(spikes.clone())
+
+    inputs = {"speed": code.encode(torch.tensor([[60.0]]), 50)}
+    region.step(inputs, region.init_state(1), listen)
+    with torch.no_grad():
+        region.hidden.projections[0].weight[0].zero_()  # one neuron falls silent; the others go on as before
+    region.step(inputs, region.init_state(1), listen)
+    before, after = heard
+    assert before.any() and not after[..., 0].any()
+    assert after[..., 1:].equal(before[..., 1:])
+
+
+def test_weights_of_other_recurrences_do_not_fit_and_the_default_is_not_told() -> None:
+    told = {name: HippocampusConfig(recurrence=name).signature(clock()) for name in ("trained", "fixed", "none")}
+    assert len({str(signature) for signature in told.values()}) == 3
+    assert "recurrence" not in told["trained"]  # so that weights from before there was a choice still fit
+    assert HippocampusConfig.model_validate(HippocampusConfig().model_dump()) == HippocampusConfig()
+
+
+def test_the_width_of_the_surrogate_changes_what_is_learnt_but_not_what_fires_nor_what_weights_fit() -> None:
+    narrow, wide = hippocampus(surrogate_width=0.5), hippocampus()
+    speed_um_s = torch.tensor([[60.0]])
+    (before,), (same,) = windows(narrow, speed_um_s, 1), windows(wide, speed_um_s, 1)
+    assert before["mean"].any() and before["mean"].equal(same["mean"])
+    assert narrow.config.signature(narrow.clock) == wide.config.signature(wide.clock)
+    weights = [trained_a_little(region).output.projections[0].weight for region in (narrow, wide)]
+    assert not weights[0].equal(weights[1])
+
+
 def test_it_learns_to_look_two_periods_ahead() -> None:
     region = hippocampus()
     teacher = ContactLaw(ContactLawConfig(), clock(), torch.Generator())

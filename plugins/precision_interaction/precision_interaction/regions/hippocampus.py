@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from neurorobo.clock import Clock
 from neurorobo.engine import Circuit, Layer
@@ -12,32 +12,33 @@ from neurorobo.regions.region import Probe, Region, State
 from neurorobo.synapses import Dense
 from precision_interaction.regions.hippocampus_config import HippocampusConfig
 
-SURROGATE = Surrogate("arctan", 1.0)
-
 
 class Hippocampus(Region):
     """Speed and feedback -> recurrent spiking neural units -> mean and variance (Sec. IV-B, Fig. 2).
 
     Nothing fires without input, so no speed means no contact. The state is the hidden layer's potential, which also
     says who fired last; the output neurons start every window at rest.
+
+    With a `fixed` recurrence the hidden layer is the liquid of a liquid state machine (Maass et al. 2002): drawn once,
+    and no part of what can be trained, but for the synapses that excite it.
     """
 
     config: HippocampusConfig
 
     def __init__(self, config: HippocampusConfig, clock: Clock, generator: torch.Generator) -> None:
         super().__init__(config, clock, generator)
-        hidden = config.hidden_neurons
+        hidden, surrogate = config.hidden_neurons, Surrogate("arctan", config.surrogate_width)
         self.hidden = Layer(
             [
                 Dense(port.channels, hidden, generator, gain=2.0 if name == "speed" else 1.0)
                 for name, port in self.input_ports.items()
             ],
-            spiking_neural_unit(surrogate=SURROGATE),
-            recurrent=Dense(hidden, hidden, generator, gain=0.5),
-            trainable_threshold=True,
+            spiking_neural_unit(surrogate=surrogate),
+            recurrent=None if config.recurrence == "none" else Dense(hidden, hidden, generator, gain=0.5),
+            trainable_threshold=config.recurrence != "fixed",
         )
         self._sizes = [port.channels for port in self.output_ports.values()]
-        self.output = Layer([Dense(hidden, sum(self._sizes), generator)], LIF(surrogate=SURROGATE))
+        self.output = Layer([Dense(hidden, sum(self._sizes), generator)], LIF(surrogate=surrogate))
         self._circuit = Circuit(
             self.input_ports, {"hidden": (self.hidden, list(self.input_ports)), "output": (self.output, ["hidden"])}
         )
@@ -52,3 +53,9 @@ class Hippocampus(Region):
         """Look one period further ahead than the feedback does."""
         spikes, after = self._circuit(inputs, state, ["output"], probe)
         return dict(zip(self.output_ports, spikes["output"].split(self._sizes, dim=-1), strict=True)), after
+
+    def parameter_groups(self) -> Mapping[str, nn.Module]:
+        """Return `hidden` and `output`; with a fixed recurrence `input`, the synapses onto the liquid, and `output`."""
+        if self.config.recurrence == "fixed":
+            return {"input": self.hidden.projections, "output": self.output}
+        return super().parameter_groups()

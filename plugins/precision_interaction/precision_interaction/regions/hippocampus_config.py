@@ -21,13 +21,29 @@ class HippocampusConfig(RegionConfig):
 
     implementation: ClassVar[str] = "precision_interaction.regions.hippocampus:Hippocampus"
     pretrained_package: ClassVar[str | None] = "precision_interaction.weights"
-    not_in_signature: ClassVar[frozenset[str]] = RegionConfig.not_in_signature | {"period", "start_speed"}
+    not_in_signature: ClassVar[frozenset[str]] = RegionConfig.not_in_signature | {
+        "period",
+        "start_speed",
+        "surrogate_width",
+    }
 
     type: Literal["precision.hippocampus"] = "precision.hippocampus"
     carry: Literal["never", "repeat", "always"] = "repeat"
     period: str = Field(default="radial", description="Name of the period whose contact is expected, as under `time`.")
     outer: bool = Field(
         default=True, description="Whether the outputs of one window feed the next (the outer recurrence)."
+    )
+    recurrence: Literal["trained", "fixed", "none"] = Field(
+        default="trained",
+        exclude_if=lambda recurrence: recurrence == "trained",  # the hashes of what was trained before stay the same
+        description="The synapses of the hidden neurons among themselves (the inner recurrence): trained; drawn once "
+        "and left as they are, thresholds too, as in a liquid state machine; or none.",
+    )
+    surrogate_width: float = Field(
+        default=1.0,
+        gt=0,
+        exclude_if=lambda width: width == 1.0,
+        description="The width of the surrogate derivative, in units of the potential; it acts in training only.",
     )
     start_speed: Annotated[float, Unit("um/s", ge=0)] = Field(
         default=table_one.CREEP_SPEED_UM_S, description="The speed before anything is planned."
