@@ -1,8 +1,8 @@
 """The command ``neurorobo reproduce``."""
 
 import time
-from collections.abc import Mapping, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import get_context
 from pathlib import Path
@@ -14,6 +14,12 @@ from neurorobo.errors import NeuroroboError
 from precision_interaction.reproduce.row import Result, Row, Setting
 from precision_interaction.reproduce.rows import rows
 from precision_interaction.reproduce.store import Store, as_json
+
+Measured = tuple[Result, float]
+"""A result, and the seconds of processor time that it took."""
+
+Waiting = tuple[Store, str, str]
+"""A cell that is to be measured, and its key."""
 
 
 @click.command()
@@ -63,35 +69,37 @@ def reproduce(
 
 
 def measure_missing(stores: Sequence[Store], setting: Setting, jobs: int) -> None:
-    """Measure all cells that are missing, several at once, and keep each as soon as it is there.
+    """Measure all cells that are missing, and keep each as soon as it is there; several at once, or here with one job.
 
-    Raises a NeuroroboError that names the cell if one fails; all others that were finished are kept.
+    Raises what a cell does; all others that were finished are kept.
     """
     waiting = [(store, cell, store.key(cell)) for store in stores for cell in store.missing()]
-    if not waiting:
-        return
-    done = 0
     started = time.monotonic()
-    with ProcessPoolExecutor(min(jobs, len(waiting)), get_context("spawn"), _begin) as pool:
-        futures: Mapping[Future[tuple[Result, float]], tuple[Store, str, str]] = {
-            pool.submit(_measure, type(store.row), cell, setting): (store, cell, key) for store, cell, key in waiting
-        }
+    measured = _here(waiting, setting) if jobs == 1 else _side_by_side(waiting, setting, jobs)
+    for done, ((store, cell, key), (result, seconds)) in enumerate(measured, start=1):
+        store.add(cell, key, result, seconds)
+        minutes = (time.monotonic() - started) / 60
+        words = f"{store.row.name}, {cell}: {seconds:.0f} s  ({minutes:.1f} min so far)"
+        click.echo(f"{done} of {len(waiting)}: {words}", err=True)
+
+
+def _here(waiting: Sequence[Waiting], setting: Setting) -> Iterator[tuple[Waiting, Measured]]:
+    for one in waiting:
+        yield one, _measure(type(one[0].row), one[1], setting)
+
+
+def _side_by_side(waiting: Sequence[Waiting], setting: Setting, jobs: int) -> Iterator[tuple[Waiting, Measured]]:
+    """Yield what is measured, in the order in which it ends; processes end with this generator."""
+    with ProcessPoolExecutor(min(jobs, max(1, len(waiting))), get_context("spawn"), _begin) as pool:
+        futures = {pool.submit(_measure, type(one[0].row), one[1], setting): one for one in waiting}
         try:
             for future in as_completed(futures):
-                store, cell, key = futures[future]
+                store, cell, _ = futures[future]
                 try:
-                    result, seconds = future.result()
+                    yield futures[future], future.result()
                 except BrokenProcessPool:
-                    raise NeuroroboError(
-                        f"{store.row.name}, {cell}: the process ended; is there enough memory?"
-                    ) from None
-                store.add(cell, key, result, seconds)
-                done += 1
-                minutes = (time.monotonic() - started) / 60
-                click.echo(
-                    f"{done} of {len(waiting)}: {store.row.name}, {cell}: {seconds:.0f} s  ({minutes:.1f} min so far)",
-                    err=True,
-                )
+                    fault = f"{store.row.name}, {cell}: the process ended; is there enough memory?"
+                    raise NeuroroboError(fault) from None
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             for process in list((pool._processes or {}).values()):
@@ -109,7 +117,7 @@ def _begin() -> None:
     torch.set_num_threads(1)
 
 
-def _measure(kind: type[Row], cell: str, setting: Setting) -> tuple[Result, float]:
+def _measure(kind: type[Row], cell: str, setting: Setting) -> Measured:
     started = time.process_time()
     result = as_json(kind().measure(cell, setting))
     return result, time.process_time() - started

@@ -1,0 +1,180 @@
+"""The reproduction: what is kept, what is measured again, and what a report says."""
+
+import json
+import time
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import ClassVar
+
+import pytest
+from click.testing import CliRunner
+from precision_interaction.reproduce import command, dependencies, report, store
+from precision_interaction.reproduce.command import measure_missing, reproduce
+from precision_interaction.reproduce.row import Picture, Presentation, Result, Row, Setting, Table, Wanted
+from precision_interaction.reproduce.rows import rows
+from precision_interaction.reproduce.statistics import cell, interval
+from precision_interaction.reproduce.store import Store
+
+from neurorobo.errors import NeuroroboError
+
+
+class Toy(Row):
+    """Two cells; the second fails while a file says so."""
+
+    name: ClassVar[str] = "toy"
+    title: ClassVar[str] = "A toy & its <cells>"
+    paper: ClassVar[str] = "Fig. 0"
+    minutes: ClassVar[float] = 0
+
+    def cells(self, setting: Setting) -> Sequence[str]:
+        return ["one", "two"]
+
+    def measure(self, cell: str, setting: Setting) -> Result:
+        if cell == "two" and (setting.examples / "broken").exists():
+            raise NeuroroboError("the toy is broken; remove the file")
+        return {"value": len(cell), "when": time.time()}
+
+    def present(self, results: Mapping[str, Result], setting: Setting) -> Presentation:
+        lines = [[name, str(result["value"])] for name, result in results.items()]
+        wanted = Wanted()
+        wanted.at_most("three", 3, 2)
+        wanted.at_least("three", 3, 3)
+        return Presentation(["Some `words` & *more*."], [Table(["cell", "value"], lines, "caption")], (), wanted.misses)
+
+    def files(self, setting: Setting) -> Sequence[Path]:
+        return [setting.examples / "input.txt"]
+
+
+@pytest.fixture
+def setting(tmp_path: Path) -> Setting:
+    (tmp_path / "input.txt").write_text("1")
+    return Setting(tmp_path)
+
+
+def test_results_are_kept_and_not_measured_again(setting: Setting, tmp_path: Path) -> None:
+    measure_missing([Store(tmp_path, Toy(), setting)], setting, jobs=1)
+    first = Store(tmp_path, Toy(), setting)
+    assert first.missing() == []
+    assert {name: result["value"] for name, result in first.results().items()} == {"one": 3, "two": 3}
+    measure_missing([first], setting, jobs=1)
+    assert Store(tmp_path, Toy(), setting).results() == first.results()
+
+
+def test_what_failed_is_named_and_what_is_done_is_kept(setting: Setting, tmp_path: Path) -> None:
+    (tmp_path / "broken").touch()
+    with pytest.raises(NeuroroboError, match="the toy is broken"):
+        measure_missing([Store(tmp_path, Toy(), setting)], setting, jobs=1)
+    assert Store(tmp_path, Toy(), setting).missing() == ["two"]
+
+
+def test_a_changed_file_or_scale_has_everything_measured_again(setting: Setting, tmp_path: Path) -> None:
+    measure_missing([Store(tmp_path, Toy(), setting)], setting, jobs=1)
+    assert Store(tmp_path, Toy(), Setting(tmp_path, quick=True)).missing() == ["one", "two"]
+    (tmp_path / "input.txt").write_text("2")
+    assert Store(tmp_path, Toy(), setting).missing() == ["one", "two"]
+
+
+def test_damaged_results_are_named(setting: Setting, tmp_path: Path) -> None:
+    (tmp_path / "toy.json").write_text('{"cells": ')
+    with pytest.raises(NeuroroboError, match=r"toy\.json is damaged .* remove it"):
+        Store(tmp_path, Toy(), setting)
+
+
+def test_a_row_depends_on_all_that_its_code_imports() -> None:
+    found = dependencies.modules("precision_interaction.reproduce.assembly")
+    for module in (
+        "precision_interaction.reproduce.row",
+        "neurorobo.engine.native",
+        "neurorobo.experiment.closed_loop",
+        "precision_interaction.rig.insertion_rig",  # which a plugin registers as a string
+        "precision_interaction.regions.cerebellum",
+    ):
+        assert module in found
+    assert not {name for name in found if name.endswith((".report", ".command", ".plotting"))}
+
+
+def test_the_fingerprint_is_of_content(tmp_path: Path) -> None:
+    file = tmp_path / "a.txt"
+    file.write_text("1")
+    module = "precision_interaction.reproduce.statistics"
+    first = dependencies.fingerprint(module, [file], ["x"])
+    assert first == dependencies.fingerprint(module, [file], ["x"])
+    assert first != dependencies.fingerprint(module, [file], ["y"])
+    file.write_text("2")
+    assert first != dependencies.fingerprint(module, [file], ["x"])
+
+
+def test_the_report_shows_every_row(setting: Setting, tmp_path: Path) -> None:
+    kept = Store(tmp_path / "results", Toy(), setting)
+    measure_missing([kept], setting, jobs=1)
+    path = report.write_report(tmp_path, [kept], setting, "neurorobo reproduce toy")
+    page, markdown = path.read_text(), (tmp_path / "index.md").read_text()
+    assert "<h2>Fig. 0: A toy &amp; its &lt;cells&gt;</h2>" in page
+    assert "<code>words</code> &amp; <em>more</em>" in page
+    assert "| one | 3 |" in markdown
+    for text in (page, markdown):
+        assert "Missed: three is 3, wanted at most 2." in text
+        assert "neurorobo reproduce toy" in text
+        assert "http" not in text  # it holds all that it shows
+
+
+def test_pictures_are_drawn_the_same_each_time(tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    from precision_interaction.reproduce.plotting import save
+
+    picture = Picture("line", "A line.", lambda figure: figure.subplots().plot([0, 1], [0, 1]))
+    first = [file.read_bytes() for file in save(picture, tmp_path)]
+    assert first == [file.read_bytes() for file in save(picture, tmp_path)]
+
+
+def test_an_interval_covers_the_mean() -> None:
+    mean, low, high = interval([1.0, 2.0, 3.0, 4.0])
+    assert low < mean == 2.5 < high
+    assert cell([3.0, 3.0]) == "3.0"
+    assert cell([3.0]) == "3.0"
+    assert cell([1.0, 2.0, 3.0, 4.0]).startswith("2.5 [")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["nonsense"], "there is no row `nonsense`; there are: "),
+        (["--examples", "nowhere"], "nowhere holds no peg_in_hole.yaml"),
+    ],
+)
+def test_mistakes_are_named(arguments: list[str], words: str) -> None:
+    with pytest.raises(NeuroroboError, match=words):
+        CliRunner().invoke(reproduce, arguments, catch_exceptions=False, standalone_mode=False)
+
+
+def test_rows_have_names_of_their_own_and_are_listed() -> None:
+    names = [row.name for row in rows()]
+    assert len(set(names)) == len(names)
+    listed = CliRunner().invoke(reproduce, ["--list"])
+    assert all(name in listed.output for name in names)
+
+
+def test_results_that_are_no_numbers_are_refused() -> None:
+    with pytest.raises(ValueError, match="JSON"):
+        store.as_json({"value": float("nan")})
+    assert store.as_json({"value": (1, 2)}) == {"value": [1, 2]}
+
+
+def test_the_commit_is_told_if_there_is_one(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert store.commit() == "unknown"
+
+
+def test_the_command_measures_and_writes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(command, "rows", lambda: (Toy(),))
+    (tmp_path / "input.txt").write_text("1")
+    (tmp_path / "peg_in_hole.yaml").touch()
+    done = CliRunner().invoke(
+        reproduce,
+        ["--out", str(tmp_path / "out"), "--examples", str(tmp_path), "--quick", "--jobs", "1"],
+        catch_exceptions=False,
+        standalone_mode=False,
+    )
+    assert done.exit_code == 0
+    assert (tmp_path / "out" / "report.html").exists()
+    assert json.loads((tmp_path / "out" / "results" / "toy.json").read_text())["cells"].keys() == {"one", "two"}
