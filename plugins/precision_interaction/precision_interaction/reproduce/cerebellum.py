@@ -168,18 +168,23 @@ def _mean(result: Result) -> float:
     return float(np.mean(result["mean_mN"]))
 
 
+def _lead(found: Found, name: str) -> list[float]:
+    """Return how far a controller is below the best PID, mN, trajectory by trajectory."""
+    return list(np.subtract(found["grid search"]["mean_mN"], found[name]["mean_mN"]))
+
+
 def _table_of_periods(found: Mapping[float, Found]) -> Table:
-    lines = [
-        [
-            label,
-            f"{PAPER[name]:g}" if name in PAPER else "-",
-            *(with_interval(f[name]["mean_mN"]) for f in found.values()),
-        ]
-        for name, label in LABELS.items()
-    ]
+    lines = []
+    for name, label in LABELS.items():
+        paper = f"{PAPER[name]:g}" if name in PAPER else "-"
+        lines.append([label, paper, *(with_interval(f[name]["mean_mN"]) for f in found.values())])
+    for name in ("predictive teacher", "predictive network"):
+        label = f"best PID less {LABELS[name]}"
+        lines.append([label, "-", *(with_interval(_lead(f, name), digits=2) for f in found.values())])
     caption = (
         f"Mean norm of the radial force in mN over the first {TEST_PERIODS} periods, by the length of the control "
-        "period, with 95 % intervals from a bootstrap over the trajectories. The networks have 8 deep nuclei."
+        "period, with 95 % intervals from a bootstrap over the trajectories; those of differences are of pairs that "
+        "meet the same draws. The networks have 8 deep nuclei."
     )
     return Table(("controller", "paper", *(f"{period_s:g} s" for period_s in found)), lines, caption)
 
@@ -253,9 +258,8 @@ def _words(found: Mapping[float, Found]) -> Sequence[str]:
 def _missed(found: Mapping[float, Found]) -> Sequence[str]:
     wanted = Wanted()
     for period_s, f in found.items():
-        teacher, pid = (f[name]["mean_mN"] for name in ("predictive teacher", "grid search"))
-        ahead = interval(np.subtract(pid, teacher).tolist())[0]
-        wanted.that(f"the predictive teacher is not ahead of the best PID at {period_s:g} s", ahead > 0)
+        ahead_mN = float(np.mean(_lead(f, "predictive teacher")))
+        wanted.that(f"the predictive teacher is not ahead of the best PID at {period_s:g} s", ahead_mN > 0)
         if period_s < PAPER_PERIOD_S:
             continue
         for name in TEACHERS:
@@ -275,7 +279,7 @@ def _picture(found: Mapping[float, Found]) -> Picture:
         f"that learned `predictive` and the best PID of the grid. (b) Mean of the first {TEST_PERIODS} periods by the "
         "length of the period; the crosses are the paper's network and PID, at the period of (a)."
     )
-    return Picture("fig6", caption, _drawing(found), (10.0, 3.6))
+    return Picture("fig6", caption, _drawing(found), (11.0, 3.4))
 
 
 def _drawing(found: Mapping[float, Found]) -> Callable[["Figure"], None]:
@@ -285,13 +289,13 @@ def _drawing(found: Mapping[float, Found]) -> Callable[["Figure"], None]:
     )
 
     def courses(panel: "Axes", names: Sequence[str]) -> None:
-        for name in names:
+        for place, name in enumerate(names):
             course = np.asarray(found[PAPER_PERIOD_S][name]["course_mN"])
             colour = colours[name.removesuffix(" network")]
             period = np.arange(1, len(course) + 1)
             panel.plot(period, course, color=colour, alpha=0.12, linewidth=0.6, rasterized=True)
-            panel.plot(period, course.mean(1), color=colour, linewidth=2, label=LABELS[name])
-        panel.set(xlabel="period", ylim=(0, None))
+            panel.plot(period, course.mean(1), color=colour, linewidth=2, zorder=4 - place, label=LABELS[name])
+        panel.set(xlabel="period", yscale="log", ylim=(0.5, 600))
         panel.legend(loc="upper right")
 
     def draw(figure: "Figure") -> None:
@@ -312,6 +316,6 @@ def _drawing(found: Mapping[float, Found]) -> Callable[["Figure"], None]:
         means.set(xscale="log", yscale="log", xlabel="control period, s", ylabel="mean force, mN", title="(b)")
         means.set_xticks(lengths, [f"{period_s:g}" for period_s in lengths])
         means.minorticks_off()
-        means.legend(fontsize=7)
+        means.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=8)
 
     return draw
