@@ -135,19 +135,20 @@ def _measure_others(period_s: float, setting: Setting) -> Result:
 def _tested(controller: Controller, period_s: float, setting: Setting) -> dict[str, object]:
     """Return the mean force of each trajectory, the acceleration that is exceeded in 5 % of the periods, the course."""
     met: list[Met] = []
+    shown = period_s == PAPER_PERIOD_S
     course_mN = compensation_course(
         watched(controller, met),
         torch.Generator().manual_seed(TEST_SEED),
         trajectories=QUICK_TRAJECTORIES if setting.quick else TRAJECTORIES,
         period_s=period_s,
-        periods=SHOWN_PERIODS,
+        periods=SHOWN_PERIODS if shown else TEST_PERIODS,
     )[:, 0]
     change = [each.done.velocity_um_s - each.inputs["velocity"] for each in met[:TEST_PERIODS]]
     found: dict[str, object] = {
         "mean_mN": course_mN[:TEST_PERIODS].mean(0).tolist(),
         "acceleration_um_s2": float(torch.cat(change).abs().flatten().quantile(0.95)) / period_s,
     }
-    if period_s == PAPER_PERIOD_S:
+    if shown:
         found["course_mN"] = np.round(course_mN.numpy().astype(float), 1).tolist()
     return found
 

@@ -160,7 +160,7 @@ def train(network: Network, effort: Effort) -> Region:
         data="precision.compensation_states",
         loss=loss,
         freeze=("granule",),
-        on_policy=OnPolicy(share=0.5, episodes=32, every=50, keep=8),
+        on_policy=OnPolicy(share=0.5, episodes=16, every=100, keep=4),
         steps=effort.steps,
         batch=effort.batch,
         learning_rate=0.019,
