@@ -13,6 +13,7 @@ from precision_interaction.reproduce.cerebellum import (
     LABELS,
     PAPER_PERIOD_S,
     PERIODS_S,
+    QUICK_TRAJECTORIES,
     Cerebellum,
     networks,
     periods,
@@ -132,7 +133,7 @@ def fabricated(setting: Setting, network_mN: float = 7.0) -> Mapping[str, Any]:
 
     def tested(force_mN: float, period_s: float) -> dict[str, Any]:
         course = {"course_mN": [[force_mN, force_mN + 1.0]] * 40} if period_s == PAPER_PERIOD_S else {}
-        return {"mean_mN": [force_mN, force_mN + 1.0], "acceleration_um_s2": 3.0, **course}
+        return {"mean_mN": [force_mN, force_mN + 1.0] * (QUICK_TRAJECTORIES // 2), "acceleration_um_s2": 3.0, **course}
 
     results: dict[str, Any] = {}
     for network in networks(setting):

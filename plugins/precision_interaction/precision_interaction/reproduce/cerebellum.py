@@ -69,11 +69,11 @@ class Cerebellum(Row):
     name: ClassVar[str] = "fig6"
     title: ClassVar[str] = "The cerebellum and PID controllers compensate a radial force"
     paper: ClassVar[str] = "Fig. 6"
-    minutes: ClassVar[float] = 50
+    minutes: ClassVar[float] = 35
 
     def cells(self, setting: Setting) -> Sequence[str]:
-        """Return the names of the networks, and one for all other controllers of each period."""
-        return [network.name for network in networks(setting)] + [_others(period_s) for period_s in periods(setting)]
+        """Return one for teachers and PIDs of each period, and one for each network."""
+        return [_others(period_s) for period_s in periods(setting)] + [network.name for network in networks(setting)]
 
     def measure(self, cell: str, setting: Setting) -> Result:
         """Train a network and test it, or test teachers and PID controllers."""
