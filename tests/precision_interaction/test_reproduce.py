@@ -81,7 +81,7 @@ def test_damaged_results_are_named(setting: Setting, tmp_path: Path) -> None:
 
 
 def test_a_row_depends_on_all_that_its_code_imports() -> None:
-    found = dependencies.modules("precision_interaction.reproduce.assembly")
+    found = dependencies.modules("precision_interaction.reproduce.assembly") | dependencies.modules(dependencies.PLUGIN)
     for module in (
         "precision_interaction.reproduce.row",
         "neurorobo.engine.native",

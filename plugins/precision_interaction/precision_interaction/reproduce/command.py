@@ -4,6 +4,7 @@ import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
+from importlib.util import find_spec
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -56,6 +57,10 @@ def reproduce(
         raise NeuroroboError(f"there is no row `{unknown[0]}`; there are: {', '.join(known)}")
     if not (examples / "peg_in_hole.yaml").exists():
         raise NeuroroboError(f"{examples} holds no peg_in_hole.yaml; run this in the repository, or give --examples")
+    if find_spec("matplotlib") is None:
+        raise NeuroroboError(
+            "the report's pictures need matplotlib; pip install 'neurorobo-precision-interaction[report]'"
+        )
     folder = out or Path("runs") / ("reproduce-quick" if quick else "reproduce")
     setting = Setting(examples.resolve(), quick)
     chosen = [known[name] for name in names] if names else list(known.values())

@@ -1,4 +1,4 @@
-"""What a result depends on: the source of a module, of all that it imports from these packages, and files beside it."""
+"""What a result depends on: the source of a module, of the plugin, of all that they import, and files beside it."""
 
 import ast
 import hashlib
@@ -9,12 +9,14 @@ from pathlib import Path
 
 PACKAGES = ("neurorobo", "precision_interaction")
 NATIVE = "neurorobo.engine.native"
+PLUGIN = "precision_interaction.plugin"
+COMMAND = "precision_interaction.reproduce.command"
 
 
 def fingerprint(module: str, files: Iterable[Path], words: Iterable[str] = ()) -> str:
     """Return a hash of a module's source, of all that it imports, of some files and of some words."""
     digest = hashlib.sha256()
-    for name in sorted(modules(module)):
+    for name in sorted(modules(module) | modules(PLUGIN)):
         digest.update(name.encode() + b"\0" + _content(name))
     for file in sorted(files):
         digest.update(file.name.encode() + b"\0" + file.read_bytes())
@@ -25,7 +27,10 @@ def fingerprint(module: str, files: Iterable[Path], words: Iterable[str] = ()) -
 
 @cache
 def modules(module: str) -> frozenset[str]:
-    """Return the names of a module and of all modules of `PACKAGES` that it imports, at whatever remove."""
+    """Return the names of a module and of all modules of `PACKAGES` that it imports, at whatever remove.
+
+    The command that measures is left out, or all rows would depend on one another.
+    """
     found: set[str] = set()
     waiting = [module]
     while waiting:
@@ -41,7 +46,7 @@ def modules(module: str) -> frozenset[str]:
 def _imports(module: str) -> tuple[str, ...]:
     """Return the modules of `PACKAGES` that a module names in its imports, wherever they stand, and in its strings.
 
-    Strings such as ``"precision_interaction.rig.contact:Contact"`` are how plugins name what is imported late.
+    Strings such as ``"rig.contact:Contact"``, with the package or without, are how plugins name what comes late.
     """
     source = _source(module)
     return () if source is None else tuple(dict.fromkeys(_named(ast.parse(source.read_bytes()))))
@@ -55,9 +60,10 @@ def _named(tree: ast.AST) -> Iterator[str]:
         elif isinstance(node, ast.ImportFrom) and node.module is not None:
             candidates = [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
         elif isinstance(node, ast.Constant) and isinstance(node.value, str) and ":" in node.value:
-            candidates = [node.value.partition(":")[0]]
+            target = node.value.partition(":")[0]
+            candidates = [target, *(f"{package}.{target}" for package in PACKAGES)]
         for candidate in candidates:
-            if candidate.split(".")[0] in PACKAGES and _source(candidate) is not None:
+            if candidate != COMMAND and candidate.split(".")[0] in PACKAGES and _source(candidate) is not None:
                 yield candidate
 
 
