@@ -126,11 +126,12 @@ def test_a_baseline_needs_no_wires_for_what_it_does_not_look_at() -> None:
 # --- tuning
 
 
-def test_the_ultimate_gain_of_an_unsaturated_loop_is_the_analytic_one() -> None:
+@pytest.mark.parametrize("period_s", [0.05, 0.1, 0.2, 0.5, 1.0])
+def test_the_ultimate_gain_of_an_unsaturated_loop_is_the_analytic_one(period_s: float) -> None:
     """f' = (1 - K) f swings for ever at K = 2, every second period."""
-    found = ultimate_gain(period_s=0.2, start_mN=1.0)
+    found = ultimate_gain(period_s=period_s, start_mN=0.1)
     assert found.gain == pytest.approx(2.0, abs=0.011)
-    assert found.period_s == pytest.approx(0.4)
+    assert found.period_s == pytest.approx(2 * period_s)
 
 
 def test_the_rule_of_ziegler_and_nichols_by_hand() -> None:

@@ -71,24 +71,39 @@ def compensation_test(
     copies: int = 1,
     period_s: float = TEST_PERIOD_S,
 ) -> Tensor:
-    """The cerebellum's test: the mean norm of the radial force (mN) of each trajectory, (copies, trajectories).
+    """The cerebellum's test: the mean norm of the radial force (mN) of each trajectory, (copies, trajectories)."""
+    return compensation_course(controller, generator, trajectories=trajectories, copies=copies, period_s=period_s).mean(
+        dim=0
+    )
+
+
+def compensation_course(
+    controller: Controller,
+    generator: torch.Generator,
+    *,
+    trajectories: int = 100,
+    copies: int = 1,
+    period_s: float = TEST_PERIOD_S,
+    periods: int = TEST_PERIODS,
+) -> Tensor:
+    """The norm of the radial force (mN) at the end of each period of the test, (periods, copies, trajectories).
 
     Forces start in 64..80 mN and velocities in -2..0 um/s per axis, the axis moves at 30 um/s, the contact is drawn
-    from the proportional law, the force counts at the end of each of 20 periods. Every copy gets the same draws, so
-    that controllers with gains (copies, 1, 1) compare on equal terms.
+    from the proportional law. Every copy gets the same draws, so that controllers with gains (copies, 1, 1) compare on
+    equal terms; a longer test begins with the draws of a shorter one.
     """
     shape = (trajectories, 2)
     force_mN = (64.0 + 16.0 * torch.rand(shape, generator=generator)).expand(copies, *shape)
     velocity_um_s = (-2.0 * torch.rand(shape, generator=generator)).expand(copies, *shape)
     mean_mN, variance_mN2 = one_period(torch.tensor([TEST_SPEED_UM_S]), period_s=period_s)
     state = pid_start(force_mN, velocity_um_s)
-    total_mN = torch.zeros(copies, trajectories)
-    for _ in range(TEST_PERIODS):
+    course_mN = []
+    for _ in range(periods):
         compensation, state = controller(force_mN, state, mean_mN, variance_mN2)
         noise = torch.randn(shape, generator=generator)
         force_mN = compensation.residual_mN + mean_mN + variance_mN2.sqrt() * noise
-        total_mN += force_mN.norm(dim=-1)
-    return total_mN / TEST_PERIODS
+        course_mN.append(force_mN.norm(dim=-1))
+    return torch.stack(course_mN)
 
 
 def ultimate_gain(
