@@ -10,7 +10,6 @@ from pathlib import Path
 
 import click
 
-from neurorobo.cli.options import typed
 from neurorobo.errors import NeuroroboError
 from precision_interaction.reproduce.row import Result, Row, Setting
 from precision_interaction.reproduce.rows import rows
@@ -69,7 +68,8 @@ def reproduce(
     from precision_interaction.reproduce.report import write_report
 
     every = [Store(folder / "results", row, setting) for row in known.values()]
-    path = write_report(folder, [store for store in every if store.kept and not store.missing()], setting, typed())
+    words = "neurorobo reproduce" + (" --quick" if quick else "") + ("" if out is None else f" --out {out}")
+    path = write_report(folder, [store for store in every if store.kept and not store.missing()], setting, words)
     click.echo(str(path))
 
 
