@@ -10,7 +10,6 @@ import torch
 from precision_interaction import table_one
 from precision_interaction.baselines.pid_tuning import compensation_course, compensation_test, teacher_controller
 from precision_interaction.reproduce.cerebellum import (
-    LABELS,
     PAPER_PERIOD_S,
     PERIODS_S,
     QUICK_TRAJECTORIES,
@@ -34,6 +33,7 @@ from precision_interaction.reproduce.compensation import (
     train,
     watched,
 )
+from precision_interaction.reproduce.pages.cerebellum import LABELS, present
 from precision_interaction.reproduce.row import Setting
 from precision_interaction.teachers.compensators import Compensation
 from precision_interaction.teachers.contact_expectation import one_period
@@ -155,7 +155,7 @@ def fabricated(setting: Setting, network_mN: float = 7.0) -> Mapping[str, Any]:
 
 @pytest.mark.parametrize("setting", [FULL, QUICK])
 def test_the_row_shows_every_controller_at_every_period(setting: Setting) -> None:
-    shown = Cerebellum().present(fabricated(setting), setting)
+    shown = present(fabricated(setting), setting)
     forces, nuclei, gains = shown.tables
     assert [line[0] for line in forces.lines][: len(LABELS)] == list(LABELS.values())
     assert len(forces.heads) == 2 + len(periods(setting))
@@ -166,16 +166,16 @@ def test_the_row_shows_every_controller_at_every_period(setting: Setting) -> Non
 
 
 def test_the_row_says_what_is_missed() -> None:
-    misses = Cerebellum().present(fabricated(FULL, network_mN=20.0), FULL).misses
+    misses = present(fabricated(FULL, network_mN=20.0), FULL).misses
     assert len(misses) == 4  # too far from the teacher at 0.2, 0.5 and 1 s, and above a fifth of the paper's figure
     assert any("15.2" in miss for miss in misses)
 
 
 def test_the_picture_can_be_drawn(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
-    from precision_interaction.reproduce.plotting import save
+    from precision_interaction.reproduce.pages.plotting import save
 
-    [picture] = Cerebellum().present(fabricated(FULL), FULL).pictures
+    [picture] = present(fabricated(FULL), FULL).pictures
     assert all(file.stat().st_size > 0 for file in save(picture, tmp_path))
 
 
@@ -184,4 +184,4 @@ def test_a_cell_on_a_small_scale_has_all_that_is_shown() -> None:
     cells = row.cells(QUICK)
     for cell in (cells[0], cells[-1]):
         results[cell] = row.measure(cell, QUICK)
-    assert row.present(results, QUICK).tables
+    assert present(results, QUICK).tables

@@ -8,11 +8,13 @@ from typing import ClassVar
 
 import pytest
 from click.testing import CliRunner
-from precision_interaction.reproduce import command, dependencies, report, store
+from precision_interaction.reproduce import command, dependencies, store
 from precision_interaction.reproduce.command import measure_missing, reproduce
-from precision_interaction.reproduce.row import Picture, Presentation, Result, Row, Setting, Table, Wanted
-from precision_interaction.reproduce.rows import rows
-from precision_interaction.reproduce.statistics import cell, interval
+from precision_interaction.reproduce.pages import report
+from precision_interaction.reproduce.pages.every import pages
+from precision_interaction.reproduce.pages.page import Page, Picture, Presentation, Table, Wanted
+from precision_interaction.reproduce.pages.statistics import cell, interval
+from precision_interaction.reproduce.row import Result, Row, Setting
 from precision_interaction.reproduce.store import Store
 
 from neurorobo.errors import NeuroroboError
@@ -22,9 +24,6 @@ class Toy(Row):
     """Two cells; the second fails while a file says so."""
 
     name: ClassVar[str] = "toy"
-    title: ClassVar[str] = "A toy & its <cells>"
-    paper: ClassVar[str] = "Fig. 0"
-    minutes: ClassVar[float] = 0
 
     def cells(self, setting: Setting) -> Sequence[str]:
         return ["one", "two"]
@@ -34,15 +33,19 @@ class Toy(Row):
             raise NeuroroboError("the toy is broken; remove the file")
         return {"value": len(cell), "when": time.time()}
 
-    def present(self, results: Mapping[str, Result], setting: Setting) -> Presentation:
-        lines = [[name, str(result["value"])] for name, result in results.items()]
-        wanted = Wanted()
-        wanted.at_most("three", 3, 2)
-        wanted.at_least("three", 3, 3)
-        return Presentation(["Some `words` & *more*."], [Table(["cell", "value"], lines, "caption")], (), wanted.misses)
-
     def files(self, setting: Setting) -> Sequence[Path]:
         return [setting.examples / "input.txt"]
+
+
+def present(results: Mapping[str, Result], setting: Setting) -> Presentation:
+    lines = [[name, str(result["value"])] for name, result in results.items()]
+    wanted = Wanted()
+    wanted.at_most("three", 3, 2)
+    wanted.at_least("three", 3, 3)
+    return Presentation(["Some `words` & *more*."], [Table(["cell", "value"], lines, "caption")], (), wanted.misses)
+
+
+PAGE = Page(Toy(), title="A toy & its <cells>", paper="Fig. 0", minutes=0, present=present)
 
 
 @pytest.fixture
@@ -74,30 +77,62 @@ def test_a_changed_file_or_scale_has_everything_measured_again(setting: Setting,
     assert Store(tmp_path, Toy(), setting).missing() == ["one", "two"]
 
 
+def test_a_row_of_one_version_is_whole_and_of_two_is_not(setting: Setting, tmp_path: Path) -> None:
+    measure_missing([Store(tmp_path, Toy(), setting)], setting, jobs=1)
+    (tmp_path / "input.txt").write_text("2")
+    changed = Store(tmp_path, Toy(), setting)
+    assert changed.missing() and changed.whole  # older, but all of one version: the report shows it with its commit
+    (tmp_path / "broken").touch()
+    with pytest.raises(NeuroroboError, match="the toy is broken"):
+        measure_missing([changed], setting, jobs=1)
+    assert not Store(tmp_path, Toy(), setting).whole
+
+
 def test_damaged_results_are_named(setting: Setting, tmp_path: Path) -> None:
     (tmp_path / "toy.json").write_text('{"cells": ')
     with pytest.raises(NeuroroboError, match=r"toy\.json is damaged .* remove it"):
         Store(tmp_path, Toy(), setting)
 
 
-def test_a_row_depends_on_all_that_its_code_imports() -> None:
-    found = dependencies.modules("precision_interaction.reproduce.assembly") | dependencies.modules(dependencies.PLUGIN)
+def test_a_row_depends_on_all_that_its_code_imports_and_names() -> None:
+    found = dependencies.modules("precision_interaction.reproduce.hippocampus")
     for module in (
         "precision_interaction.reproduce.row",
         "neurorobo.engine.native",
-        "neurorobo.experiment.closed_loop",
-        "precision_interaction.rig.insertion_rig",  # which a plugin registers as a string
-        "precision_interaction.regions.cerebellum",
+        "precision_interaction.regions.hippocampus",
+        "precision_interaction.teachers.contact_expectation",  # by the name that the plugin registers: precision.law
     ):
         assert module in found
-    shown_by = {f"precision_interaction.reproduce.{name}" for name in ("report", "command", "plotting", "rows")}
-    assert not found & shown_by
+    for module in ("rig.insertion_rig", "regions.cerebellum", "plugin", "reproduce.command"):
+        assert f"precision_interaction.{module}" not in found
+
+
+@pytest.mark.parametrize("page", pages(), ids=lambda page: page.row.name)
+def test_no_row_depends_on_how_rows_are_shown(page: Page) -> None:
+    found = dependencies.modules(type(page.row).__module__)
+    assert not [module for module in found if module.startswith("precision_interaction.reproduce.pages")]
+
+
+def test_a_row_depends_on_what_its_examples_name(tmp_path: Path) -> None:
+    def hashed(text: str) -> str:
+        file = tmp_path / "a.yaml"
+        file.write_text(text)
+        return dependencies.fingerprint("precision_interaction.table_one", [file])
+
+    named = {name: dependencies._registered_in(name) for name in ("precision.insertion_rig", "lif", "plan.speed")}
+    assert list(named["precision.insertion_rig"]) == ["precision_interaction.rig.insertion_rig_config"]
+    assert list(named["lif"]) == ["neurorobo.neurons.config"]
+    assert list(named["plan.speed"]) == []
+    assert hashed("body: precision.insertion_rig") == hashed("body: precision.insertion_rig")
+    assert "precision_interaction.rig.insertion_rig" in dependencies.modules(
+        "precision_interaction.rig.insertion_rig_config"
+    )
 
 
 def test_the_fingerprint_is_of_content(tmp_path: Path) -> None:
     file = tmp_path / "a.txt"
     file.write_text("1")
-    module = "precision_interaction.reproduce.statistics"
+    module = "precision_interaction.reproduce.pages.statistics"
     first = dependencies.fingerprint(module, [file], ["x"])
     assert first == dependencies.fingerprint(module, [file], ["x"])
     assert first != dependencies.fingerprint(module, [file], ["y"])
@@ -108,7 +143,7 @@ def test_the_fingerprint_is_of_content(tmp_path: Path) -> None:
 def test_the_report_shows_every_row(setting: Setting, tmp_path: Path) -> None:
     kept = Store(tmp_path / "results", Toy(), setting)
     measure_missing([kept], setting, jobs=1)
-    path = report.write_report(tmp_path, [kept], setting, "neurorobo reproduce toy")
+    path = report.write_report(tmp_path, [(PAGE, kept)], setting, "neurorobo reproduce toy")
     page, markdown = path.read_text(), (tmp_path / "index.md").read_text()
     assert "<h2>Fig. 0: A toy &amp; its &lt;cells&gt;</h2>" in page
     assert "<code>words</code> &amp; <em>more</em>" in page
@@ -121,7 +156,7 @@ def test_the_report_shows_every_row(setting: Setting, tmp_path: Path) -> None:
 
 def test_pictures_are_drawn_the_same_each_time(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
-    from precision_interaction.reproduce.plotting import save
+    from precision_interaction.reproduce.pages.plotting import save
 
     picture = Picture("line", "A line.", lambda figure: figure.subplots().plot([0, 1], [0, 1]))
     first = [file.read_bytes() for file in save(picture, tmp_path)]
@@ -149,7 +184,7 @@ def test_mistakes_are_named(arguments: list[str], words: str) -> None:
 
 
 def test_rows_have_names_of_their_own_and_are_listed() -> None:
-    names = [row.name for row in rows()]
+    names = [page.row.name for page in pages()]
     assert len(set(names)) == len(names)
     listed = CliRunner().invoke(reproduce, ["--list"])
     assert all(name in listed.output for name in names)
@@ -167,7 +202,7 @@ def test_the_commit_is_told_if_there_is_one(monkeypatch: pytest.MonkeyPatch, tmp
 
 
 def test_the_command_measures_and_writes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(command, "rows", lambda: (Toy(),))
+    monkeypatch.setattr(command, "pages", lambda: (PAGE,))
     (tmp_path / "input.txt").write_text("1")
     (tmp_path / "peg_in_hole.yaml").touch()
     done = CliRunner().invoke(

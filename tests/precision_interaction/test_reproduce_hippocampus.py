@@ -6,8 +6,12 @@ from typing import Any
 
 import pytest
 import torch
+from precision_interaction.regions.hippocampus_config import HippocampusConfig
 from precision_interaction.reproduce import hippocampus as fig5
+from precision_interaction.reproduce.pages import hippocampus as page
 from precision_interaction.reproduce.row import Setting
+
+from neurorobo.config.experiment import load_experiment
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 QUICK, FULL = Setting(EXAMPLES, quick=True), Setting(EXAMPLES)
@@ -48,6 +52,9 @@ def test_a_measured_cell_survives_json_and_is_the_same_again(network: str) -> No
 def test_the_example_is_a_course() -> None:
     phases = fig5._course(fig5.EXAMPLE, FULL)
     assert [phase.unroll.windows for phase in phases] == [1, 2, 3]
+    config = load_experiment(EXAMPLES / "peg_in_hole.yaml").regions["hippocampus"]
+    assert isinstance(config, HippocampusConfig)
+    assert config.surrogate_width == fig5.SURROGATE_WIDTH[fig5.EXAMPLE]
 
 
 @pytest.mark.parametrize(("network", "windows"), [("RSNU", [1, 1, 1]), (fig5.DOUBLE, [1, 2, 3])])
@@ -74,15 +81,15 @@ def test_the_law_adds_up_and_errors_are_root_mean_squares() -> None:
 
 def test_time_to_accuracy_is_when_all_horizons_are_met() -> None:
     curves = [[[50, 3.0, 2.0, 2.0, 9.0], [100, 6.0, 2.0, 2.0, 3.0], [150, 9.0, 2.0, 2.0, 2.0]], [[50, 3.0, 9, 9, 9]]]
-    assert fig5._reached(curves, (2.5, 2.8, 3.1)) == "100 steps, 6 s (1 of 2 seeds)"
-    assert fig5._reached(curves[1:], (2.5, 2.8, 3.1)) == "not (0 of 1 seeds)"
+    assert page._reached(curves, (2.5, 2.8, 3.1)) == "100 steps, 6 s (1 of 2 seeds)"
+    assert page._reached(curves[1:], (2.5, 2.8, 3.1)) == "not (0 of 1 seeds)"
 
 
 def test_the_presentation_tells_what_is_missed() -> None:
     row = fig5.Fig5()
-    good = row.present({cell: fabricated(cell, 1.0) for cell in row.cells(FULL)}, FULL)
+    good = page.present({cell: fabricated(cell, 1.0) for cell in row.cells(FULL)}, FULL)
     assert not [miss for miss in good.misses if "order" not in miss]
-    bad = row.present({cell: fabricated(cell, 9.0) for cell in row.cells(FULL)}, FULL)
+    bad = page.present({cell: fabricated(cell, 9.0) for cell in row.cells(FULL)}, FULL)
     assert sum("wanted at most" in miss for miss in bad.misses) == 9  # three horizons: mean, worst seed, aim
     for table in bad.tables:
         assert all(len(line) == len(table.heads) for line in table.lines)
@@ -92,9 +99,9 @@ def test_the_presentation_tells_what_is_missed() -> None:
 @pytest.mark.filterwarnings("ignore")
 def test_the_pictures_can_be_drawn(tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
-    from precision_interaction.reproduce.plotting import save
+    from precision_interaction.reproduce.pages.plotting import save
 
     row = fig5.Fig5()
-    shown = row.present({cell: fabricated(cell, 1.0) for cell in row.cells(QUICK)}, QUICK)
+    shown = page.present({cell: fabricated(cell, 1.0) for cell in row.cells(QUICK)}, QUICK)
     for picture in shown.pictures:
         assert all(file.stat().st_size for file in save(picture, tmp_path))

@@ -13,9 +13,13 @@ from precision_interaction.reproduce.additivity import Additivity
 from precision_interaction.reproduce.codes import CODES, SIZES, TRAINED_SIZES, Codes
 from precision_interaction.reproduce.contact import Contact
 from precision_interaction.reproduce.firing_rates import REGIONS, FiringRates
+from precision_interaction.reproduce.learning import REGIONS as PUPILS
+from precision_interaction.reproduce.learning import Learning
 from precision_interaction.reproduce.operations import dense_pJ, spiking_pJ, synapses
-from precision_interaction.reproduce.row import Presentation, Row, Setting
-from precision_interaction.reproduce.rows import rows
+from precision_interaction.reproduce.pages.additivity import HOLDS
+from precision_interaction.reproduce.pages.every import pages
+from precision_interaction.reproduce.pages.page import Presentation
+from precision_interaction.reproduce.row import Row, Setting
 from precision_interaction.reproduce.store import as_json
 
 from neurorobo.engine import Circuit, Layer
@@ -30,14 +34,19 @@ def measured(row: Row) -> Results:
     return {cell: dict(as_json(row.measure(cell, SETTING))) for cell in row.cells(SETTING)}
 
 
+def present(row: Row, results: Mapping[str, Any]) -> Presentation:
+    [page] = [page for page in pages() if isinstance(row, type(page.row))]
+    return page.present(results, SETTING)
+
+
 def shown(row: Row, results: Mapping[str, Any], tmp_path: Path) -> Presentation:
     """Present, check the tables, and draw if there is something to draw with."""
-    presentation = row.present(results, SETTING)
+    presentation = present(row, results)
     for table in presentation.tables:
         assert table.lines
         assert all(len(line) == len(table.heads) for line in table.lines)
     pytest.importorskip("matplotlib")
-    from precision_interaction.reproduce.plotting import save
+    from precision_interaction.reproduce.pages.plotting import save
 
     for picture in presentation.pictures:
         for file in save(picture, tmp_path):
@@ -46,7 +55,7 @@ def shown(row: Row, results: Mapping[str, Any], tmp_path: Path) -> Presentation:
 
 
 def test_they_are_registered() -> None:
-    assert {"contact", "additivity", "rates", "codes"} <= {row.name for row in rows()}
+    assert {"contact", "additivity", "rates", "codes"} <= {page.row.name for page in pages()}
 
 
 def test_contact_is_measured_again_to_the_same(tmp_path: Path) -> None:
@@ -66,7 +75,7 @@ def test_contact_notes_what_is_missed(tmp_path: Path) -> None:
     assert "measured: least R^2 of a Gaussian is 0.9, wanted at least 0.96" in misses
     assert "measured: the log was taken for the other law" in misses
     assert any("mean slope" in miss and "proportional" in miss for miss in misses)
-    assert not any("R^2" in miss for miss in Contact().present(good, SETTING).misses)
+    assert not any("R^2" in miss for miss in present(Contact(), good).misses)
 
 
 def test_additivity_shows_what_adds_up_and_notes_where_it_should_not(tmp_path: Path) -> None:
@@ -74,13 +83,13 @@ def test_additivity_shows_what_adds_up_and_notes_where_it_should_not(tmp_path: P
     for law, found in results.items():
         for form in additivity.FORMS:
             for one in found[form]:
-                one["p"] = 0.5 if additivity.HOLDS[law, form] else 0.0
+                one["p"] = 0.5 if HOLDS[law, form] else 0.0
     assert shown(Additivity(), results, tmp_path).misses == []
     results["measured"][additivity.LONGER][3]["p"] = 0.5
-    assert Additivity().present(results, SETTING).misses == []  # one n that does not add up is enough
+    assert present(Additivity(), results).misses == []  # one n that does not add up is enough
     for one in results["measured"][additivity.LONGER]:
         one["p"] = 0.5
-    (miss,) = Additivity().present(results, SETTING).misses
+    (miss,) = present(Additivity(), results).misses
     assert miss.startswith("measured, one move of n x 20 um")
 
 
@@ -175,7 +184,7 @@ def test_codes_are_judged_by_their_repeatability_and_their_stated_resolution(tmp
     assert shown(Codes(), results, tmp_path).misses == []
     results["population uniform"]["trained"]["50"][0]["deviation"] = 1.0
     results["Gaussian receptive fields"]["sizes"][0]["largest_um_s"] = 0.06
-    misses = Codes().present(results, SETTING).misses
+    misses = present(Codes(), results).misses
     assert any("less repeatable than Poisson" in miss for miss in misses)
     assert any(miss.startswith("Gaussian receptive fields, 6 neurons: largest error") for miss in misses)
 
@@ -185,3 +194,18 @@ def test_every_code_can_feed_the_hippocampus(cell: str) -> None:
     ((found,), _) = Codes().measure(cell, SETTING)["trained"].values()
     assert np.isfinite(found["rms"])
     assert (found["deviation"] > 0) == (cell == "Poisson")
+
+
+def test_learning_notes_what_took_too_long(tmp_path: Path) -> None:
+    hippocampus = as_json(Learning().measure("hippocampus", SETTING))
+    assert [len(phase["curve"]) for phase in hippocampus["phases"]] == [2, 2, 2]  # two steps each
+    assert set(hippocampus["phases"][-1]["rms"]) == {"mean", "variance"}
+    phase = {"seed": 1, "steps": 2, "seconds": 60.0, "rms": {"move": [[0.3, 0.4]]}}
+    phase["curve"] = [{"seconds": 1.0, "move": 2.0}, {"seconds": 2.0, "move": 1.0}]
+    results: Results = {name: {"threads": 1, "phases": [phase]} for name in PUPILS}
+    results["hippocampus"] = dict(hippocampus)
+    presentation = shown(Learning(), results, tmp_path)
+    assert presentation.misses == []
+    assert "move 0.354 µm" in presentation.tables[0].lines[1][-1]
+    results["cerebellum"] = {"threads": 1, "phases": [{**phase, "seconds": 960.0}]}
+    assert present(Learning(), results).misses == ["minutes of the cerebellum is 16, wanted at most 15"]

@@ -1,6 +1,6 @@
 """Fig. 11 to 13 and Table I: the assembly, by the brain and by the two methods that the paper compares it with."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar
@@ -13,11 +13,10 @@ from neurorobo.experiment.closed_loop import run_episodes
 from neurorobo.experiment.recorder import Recorder, Sample
 from neurorobo.experiment.recorder import Setting as RunSetting
 from neurorobo.experiment.weights import weights_file
-from precision_interaction.reproduce.row import Picture, Presentation, Result, Row, Setting, Table, Wanted
-from precision_interaction.reproduce.statistics import cell as with_interval
+from precision_interaction.reproduce.row import Result, Row, Setting
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    pass
 
 SEEDS, QUICK_SEEDS = range(100), range(2)
 DEPTH_GAIN = "body.contact.depth_gain=1"
@@ -85,9 +84,6 @@ class Assembly(Row):
     """Time and force of the insertion, over 100 seeds."""
 
     name: ClassVar[str] = "assembly"
-    title: ClassVar[str] = "Assembly by the brain and by two other methods"
-    paper: ClassVar[str] = "Fig. 11-13, Table I"
-    minutes: ClassVar[float] = 5
 
     def cells(self, setting: Setting) -> Sequence[str]:
         """Return the names of the cases."""
@@ -119,70 +115,5 @@ class Assembly(Row):
             found["trace"] = np.round(trace.rows, 4).tolist()
         return found
 
-    def present(self, results: Mapping[str, Result], setting: Setting) -> Presentation:
-        """Show the table and the three figures."""
-        lines, wanted = [], Wanted()
-        for name, case in CASES.items():
-            found = results[name]
-            ours = " / ".join(with_interval(found[metric]) for metric in METRICS)
-            inserted = sum(success == 1.0 for success in found["success"])
-            lines.append([name, case.paper, case.ideal, ours, f"{inserted} of {len(found['success'])}"])
-            if case.wanted is not None:
-                for metric, most in zip(METRICS, case.wanted, strict=True):
-                    wanted.at_most(f"{name}: {METRICS[metric]}", float(np.mean(found[metric])), most)
-            if name.startswith("brain"):
-                wanted.that(f"{name}: not all were inserted", inserted == len(found["success"]))
-                wanted.at_most(f"{name}: largest final error, um", max(found["final_error_um"]), 1.0)
-                wanted.at_most(f"{name}: largest overshoot, um", max(found["overshoot_um"]), 0.0)
-        heads = ("controller and rig", "paper", "ideal, no spiking", "ours", "inserted")
-        caption = (
-            "Steps of 1 s / mean force / largest force in mN: means over the runs, with 95 % intervals from a "
-            "bootstrap. The ideal is an analytic controller in a plain loop."
-        )
-        plain, deep = (
-            float(np.mean(results[name]["max_force_mN"]))
-            for name in ("force-based, ref. [3]", "force-based, with depth gain")
-        )
-        words = (
-            "The force-based method inserts 20 µm at a time; the model-based one accelerates, cruises and brakes as "
-            "the stage allows. The paper's ~100 mN for the force-based method needs a contact that grows with depth: "
-            f"with one that has doubled at the end, its largest force is {deep:.0f} mN in place of {plain:.0f}, so "
-            "that growth alone does not explain it.",
-        )
-        pictures = [
-            Picture(
-                name,
-                f"{paper}: {case}, seed {TRACE_SEED}. Left: distance covered and axial speed. Right: radial force and "
-                "radial move of each period.",
-                _drawing(results[case]["trace"]),
-                (7.5, 4.2),
-            )
-            for name, (case, paper) in TRACED.items()
-        ]
-        return Presentation(words, [Table(heads, lines, caption)], pictures, wanted.misses)
-
     def _experiment(self, case: Case, setting: Setting) -> Experiment:
         return load_experiment(setting.examples / f"{case.file}.yaml", case.changes)
-
-
-def _drawing(trace: Sequence[Sequence[float]]) -> Callable[["Figure"], None]:
-    """Return what draws a trace as the paper does."""
-
-    def draw(figure: "Figure") -> None:
-        time, remaining, speed, force_x, force_y, move_x, move_y = np.asarray(trace).T
-        panels = figure.subplots(2, 2, sharex=True)
-        panels[0, 0].step(time, remaining[0] - remaining, where="post")
-        panels[0, 0].set_ylabel("distance, µm")
-        panels[1, 0].step(time, speed, where="post")
-        panels[1, 0].set_ylabel("axial speed, µm/s")
-        panels[0, 1].plot(time, force_x, label="x")
-        panels[0, 1].plot(time, force_y, label="y")
-        panels[0, 1].set_ylabel("radial force, mN")
-        panels[0, 1].legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=2)
-        panels[1, 1].step(time, move_x, where="post")
-        panels[1, 1].step(time, move_y, where="post")
-        panels[1, 1].set_ylabel("radial move, µm")
-        for panel in panels[1]:
-            panel.set_xlabel("time, s")
-
-    return draw

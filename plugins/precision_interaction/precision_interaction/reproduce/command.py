@@ -11,15 +11,15 @@ from pathlib import Path
 import click
 
 from neurorobo.errors import NeuroroboError
+from precision_interaction.reproduce.pages.every import pages
 from precision_interaction.reproduce.row import Result, Row, Setting
-from precision_interaction.reproduce.rows import rows
 from precision_interaction.reproduce.store import Store, as_json
 
 Measured = tuple[Result, float]
 """A result, and the seconds of processor time that it took."""
 
-Waiting = tuple[Store, str, str]
-"""A cell that is to be measured, and its key."""
+Waiting = tuple[Store, str]
+"""A cell that is to be measured."""
 
 
 @click.command()
@@ -47,10 +47,10 @@ def reproduce(
     Results are kept cell by cell in the folder --out, and are measured again only when the code or the configuration
     that they depend on has changed; stopped at any time, the same command goes on.
     """
-    known = {row.name: row for row in rows()}
+    known = {page.row.name: page for page in pages()}
     if list_rows:
-        for row in known.values():
-            click.echo(f"{row.name:12} {row.minutes:5.0f} min  {row.paper:22} {row.title}")
+        for name, page in known.items():
+            click.echo(f"{name:12} {page.minutes:5.0f} min  {page.paper:22} {page.title}")
         return
     if unknown := [name for name in names if name not in known]:
         raise NeuroroboError(f"there is no row `{unknown[0]}`; there are: {', '.join(known)}")
@@ -63,13 +63,17 @@ def reproduce(
     folder = out or Path("runs") / ("reproduce-quick" if quick else "reproduce")
     setting = Setting(examples.resolve(), quick)
     chosen = [known[name] for name in names] if names else list(known.values())
-    stores = [Store(folder / "results", row, setting) for row in chosen]
+    stores = [Store(folder / "results", page.row, setting) for page in chosen]
     measure_missing(stores, setting, jobs)
-    from precision_interaction.reproduce.report import write_report
+    from precision_interaction.reproduce.pages.report import write_report
 
-    every = [Store(folder / "results", row, setting) for row in known.values()]
     words = "neurorobo reproduce" + (" --quick" if quick else "") + ("" if out is None else f" --out {out}")
-    path = write_report(folder, [store for store in every if store.kept and not store.missing()], setting, words)
+    every = [(page, Store(folder / "results", page.row, setting)) for page in known.values()]
+    there = [(page, store) for page, store in every if store.whole]
+    for _, store in there:
+        if store.missing():
+            click.echo(f"note: {store.file} is of other code or settings than these; `{words}` measures it", err=True)
+    path = write_report(folder, there, setting, words)
     click.echo(str(path))
 
 
@@ -78,11 +82,11 @@ def measure_missing(stores: Sequence[Store], setting: Setting, jobs: int) -> Non
 
     Raises what a cell does; all others that were finished are kept.
     """
-    waiting = [(store, cell, store.key(cell)) for store in stores for cell in store.missing()]
+    waiting = [(store, cell) for store in stores for cell in store.missing()]
     started = time.monotonic()
     measured = _here(waiting, setting) if jobs == 1 else _side_by_side(waiting, setting, jobs)
-    for done, ((store, cell, key), (result, seconds)) in enumerate(measured, start=1):
-        store.add(cell, key, result, seconds)
+    for done, ((store, cell), (result, seconds)) in enumerate(measured, start=1):
+        store.add(cell, result, seconds)
         minutes = (time.monotonic() - started) / 60
         words = f"{store.row.name}, {cell}: {seconds:.0f} s  ({minutes:.1f} min so far)"
         click.echo(f"{done} of {len(waiting)}: {words}", err=True)
@@ -99,7 +103,7 @@ def _side_by_side(waiting: Sequence[Waiting], setting: Setting, jobs: int) -> It
         futures = {pool.submit(_measure, type(one[0].row), one[1], setting): one for one in waiting}
         try:
             for future in as_completed(futures):
-                store, cell, _ = futures[future]
+                store, cell = futures[future]
                 try:
                     yield futures[future], future.result()
                 except BrokenProcessPool:

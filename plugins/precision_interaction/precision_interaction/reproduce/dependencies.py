@@ -1,22 +1,28 @@
-"""What a result depends on: the source of a module, of the plugin, of all that they import, and files beside it."""
+"""What a result depends on: the source of a module, of all that it imports and of all that it names, and files."""
 
 import ast
 import hashlib
-from collections.abc import Iterable, Iterator
+import re
+from collections.abc import Iterable, Iterator, Mapping
 from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 
+from neurorobo.plugins import Registry
+from neurorobo.plugins.registry import KINDS
+
 PACKAGES = ("neurorobo", "precision_interaction")
 NATIVE = "neurorobo.engine.native"
-PLUGIN = "precision_interaction.plugin"
-COMMAND = "precision_interaction.reproduce.command"
 
 
 def fingerprint(module: str, files: Iterable[Path], words: Iterable[str] = ()) -> str:
-    """Return a hash of a module's source, of all that it imports, of some files and of some words."""
+    """Return a hash of a module's source, of all that it and the YAML files among ``files`` need, of the files, words.
+
+    What is needed is what is imported, and what plugins registered under a name that stands there: `precision.law`.
+    """
     digest = hashlib.sha256()
-    for name in sorted(modules(module) | modules(PLUGIN)):
+    named = {target for file in files if file.suffix == ".yaml" for target in _registered_in(file.read_text())}
+    for name in sorted(modules(module).union(*map(modules, named))):
         digest.update(name.encode() + b"\0" + _content(name))
     for file in sorted(files):
         digest.update(file.name.encode() + b"\0" + file.read_bytes())
@@ -27,10 +33,7 @@ def fingerprint(module: str, files: Iterable[Path], words: Iterable[str] = ()) -
 
 @cache
 def modules(module: str) -> frozenset[str]:
-    """Return the names of a module and of all modules of `PACKAGES` that it imports, at whatever remove.
-
-    The command that measures is left out, or all rows would depend on one another.
-    """
+    """Return the names of a module and of all modules of `PACKAGES` that it needs, at whatever remove."""
     found: set[str] = set()
     waiting = [module]
     while waiting:
@@ -38,15 +41,16 @@ def modules(module: str) -> frozenset[str]:
         if name in found:
             continue
         found.add(name)
-        waiting += _imports(name)
+        waiting += _needs(name)
     return frozenset(found)
 
 
 @cache
-def _imports(module: str) -> tuple[str, ...]:
+def _needs(module: str) -> tuple[str, ...]:
     """Return the modules of `PACKAGES` that a module names in its imports, wherever they stand, and in its strings.
 
-    Strings such as ``"rig.contact:Contact"``, with the package or without, are how plugins name what comes late.
+    Strings such as ``"rig.contact:Contact"``, with the package or without, are how plugins name what comes late, and
+    ``"precision.law"`` is how YAML names what a plugin registers. A plugin's own list of what it registers is no need.
     """
     source = _source(module)
     return () if source is None else tuple(dict.fromkeys(_named(ast.parse(source.read_bytes()))))
@@ -59,12 +63,29 @@ def _named(tree: ast.AST) -> Iterator[str]:
             candidates = [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom) and node.module is not None:
             candidates = [node.module, *(f"{node.module}.{alias.name}" for alias in node.names)]
-        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and ":" in node.value:
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str):
             target = node.value.partition(":")[0]
-            candidates = [target, *(f"{package}.{target}" for package in PACKAGES)]
+            candidates = [target, *(f"{package}.{target}" for package in PACKAGES)] if ":" in node.value else []
+            candidates += _registered_in(node.value)
         for candidate in candidates:
-            if candidate != COMMAND and candidate.split(".")[0] in PACKAGES and _source(candidate) is not None:
+            if candidate.split(".")[0] in PACKAGES and _source(candidate) is not None:
                 yield candidate
+
+
+def _registered_in(text: str) -> Iterator[str]:
+    """Yield the modules of what a plugin of `PACKAGES` registered under a name that stands in a text."""
+    for word in re.findall(r"[a-z]\w*(?:\.\w+)?", text):
+        yield from _registered().get(word, ())
+
+
+@cache
+def _registered() -> Mapping[str, tuple[str, ...]]:
+    """Return the modules of the types that bear a name, as it stands in YAML: the core's need no prefix."""
+    registry, found = Registry.discover(), dict[str, tuple[str, ...]]()
+    for entry in (entry for kind in KINDS if kind != "command" for entry in registry.entries(kind)):
+        for name in {entry.name, entry.name.removeprefix("core.")}:
+            found[name] = (*found.get(name, ()), entry.target.partition(":")[0])
+    return found
 
 
 def _content(module: str) -> bytes:

@@ -5,6 +5,7 @@ import os
 import subprocess
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -36,17 +37,24 @@ class Store:
         """Where the results are."""
         return self.folder / f"{self.row.name}.json"
 
-    def key(self, cell: str) -> str:
-        """Return the hash of what a cell depends on."""
+    @cached_property
+    def key(self) -> str:
+        """The hash of what all cells depend on."""
         scale = "quick" if self.setting.quick else "full"
-        return fingerprint(type(self.row).__module__, self.row.files(self.setting), (self.row.name, cell, scale))
+        return fingerprint(type(self.row).__module__, self.row.files(self.setting), (self.row.name, scale))
 
     def missing(self) -> list[str]:
         """Return the cells that were not measured, or by other code or settings."""
-        return [cell for cell in self.row.cells(self.setting) if self.kept.get(cell, {}).get("key") != self.key(cell)]
+        return [cell for cell in self.row.cells(self.setting) if self.kept.get(cell, {}).get("key") != self.key]
+
+    @property
+    def whole(self) -> bool:
+        """Whether all cells were measured, by the same code and settings, these or others."""
+        keys = {self.kept[cell]["key"] if cell in self.kept else None for cell in self.row.cells(self.setting)}
+        return None not in keys and len(keys) == 1
 
     def results(self) -> dict[str, Result]:
-        """Return the results of all cells by name; only when none is missing."""
+        """Return the results of all cells by name; only when the row is whole."""
         return {cell: self.kept[cell]["result"] for cell in self.row.cells(self.setting)}
 
     def seconds(self) -> float:
@@ -57,9 +65,9 @@ class Store:
         """Return of which commits the results are."""
         return sorted({self.kept[cell]["commit"] for cell in self.row.cells(self.setting)})
 
-    def add(self, cell: str, key: str, result: Result, seconds: float) -> None:
+    def add(self, cell: str, result: Result, seconds: float) -> None:
         """Keep a result, whole, whenever this is stopped; those of cells that are no more are dropped."""
-        self.kept[cell] = {"key": key, "seconds": round(seconds, 1), "commit": commit(), "result": result}
+        self.kept[cell] = {"key": self.key, "seconds": round(seconds, 1), "commit": commit(), "result": result}
         cells = [name for name in self.row.cells(self.setting) if name in self.kept]
         lines = ",\n  ".join(f"{json.dumps(name)}: {json.dumps(self.kept[name])}" for name in cells)
         self.folder.mkdir(parents=True, exist_ok=True)

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from precision_interaction.reproduce.row import Picture
+from precision_interaction.reproduce.pages.page import Picture
 
 STYLE = Path(__file__).with_name("report.mplstyle")
 

@@ -6,8 +6,9 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from precision_interaction.reproduce.plotting import save
-from precision_interaction.reproduce.row import Presentation, Setting, Table
+from precision_interaction.reproduce.pages.page import Page, Presentation, Table
+from precision_interaction.reproduce.pages.plotting import save
+from precision_interaction.reproduce.row import Setting
 from precision_interaction.reproduce.store import Store
 
 TITLE = "The paper, measured again"
@@ -25,36 +26,36 @@ STYLE = (
 )
 
 
-def write_report(folder: Path, stores: Sequence[Store], setting: Setting, command: str) -> Path:
+def write_report(folder: Path, rows: Sequence[tuple[Page, Store]], setting: Setting, command: str) -> Path:
     """Write ``index.md`` with its pictures and ``report.html`` of the rows that are there; return the latter."""
-    pages, sections = [_head(setting, command)], [_html_head(setting, command)]
-    for store in stores:
-        shown = store.row.present(store.results(), setting)
+    documents, sections = [_head(setting, command)], [_html_head(setting, command)]
+    for page, store in rows:
+        shown = page.present(store.results(), setting)
         about = (
             f"`neurorobo reproduce {store.row.name}`: {store.seconds() / 60:.1f} minutes of one processor, "
             f"commit {', '.join(store.provenance())}."
         )
-        page = [f"## {store.row.paper}: {store.row.title}", *shown.words]
+        markdown = [f"## {page.paper}: {page.title}", *shown.words]
         section = [
-            f"<h2>{html.escape(store.row.paper)}: {html.escape(store.row.title)}</h2>",
+            f"<h2>{html.escape(page.paper)}: {html.escape(page.title)}</h2>",
             *map(_paragraph, shown.words),
         ]
         for table in shown.tables:
-            page += [_markdown(table), table.caption]
+            markdown += [_markdown(table), table.caption]
             section += [_html(table), _paragraph(table.caption)]
         for picture in shown.pictures:
             png, svg = save(picture, folder / "figures")
-            page.append(f"![{picture.caption}](figures/{svg.name})\n\n*{picture.caption}*")
+            markdown.append(f"![{picture.caption}](figures/{svg.name})\n\n*{picture.caption}*")
             data = base64.b64encode(png.read_bytes()).decode()
             section.append(
                 f'<figure><img alt="{html.escape(picture.caption)}" src="data:image/png;base64,{data}">'
                 f"<figcaption>{html.escape(picture.caption)}</figcaption></figure>"
             )
         missed = _missed(shown)
-        pages.append("\n\n".join([*page, missed, about]))
+        documents.append("\n\n".join([*markdown, missed, about]))
         sections.append("\n".join([*section, _paragraph(missed), _paragraph(about)]))
     folder.mkdir(parents=True, exist_ok=True)
-    _write(folder / "index.md", "\n\n".join(pages) + "\n")
+    _write(folder / "index.md", "\n\n".join(documents) + "\n")
     path = folder / "report.html"
     _write(path, "\n".join(sections) + "\n</main></body></html>\n")
     return path

@@ -1,0 +1,1 @@
+"""How the rows are shown; nothing that is measured depends on it."""
