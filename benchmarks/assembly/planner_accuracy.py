@@ -45,7 +45,7 @@ Values = Mapping[str, Tensor]
 
 def teachers(experiment: Experiment) -> dict[str, Region]:
     """Return, for each output, the teacher that taught it last."""
-    lessons = [lesson for lesson in read_lessons(experiment, Registry.discover()) if lesson.phase.region == REGION]
+    lessons = [lesson for lesson in read_lessons(experiment, Registry.discover()) if REGION in lesson.phase.pupils]
     last = {
         output: lesson.teacher
         for lesson in lessons

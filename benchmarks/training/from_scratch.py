@@ -77,7 +77,7 @@ def main() -> int:
     arguments = parser.parse_args()
     folder, overrides = arguments.out.resolve(), arguments.overrides
     training = train(folder, arguments.threads, overrides)
-    regions = dict.fromkeys(phase.region for phase in load_experiment(EXAMPLE).train)  # type: ignore[attr-defined]
+    regions = dict.fromkeys(name for phase in load_experiment(EXAMPLE).train for name in phase.pupils)  # type: ignore[attr-defined]
     own = [f"regions.{name}.weights={folder / f'{name}.safetensors'}" for name in regions]
     result = {
         "training": training,

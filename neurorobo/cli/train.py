@@ -37,10 +37,12 @@ def train(file: Path, overrides: tuple[str, ...], only: tuple[str, ...], threads
         raise NeuroroboError(f"{file} has no `train` phases; add some, as the guide to training shows")
     taught: set[str] = set()
     for lesson in lessons:
-        if not only or lesson.phase.region in only:
-            taught.add(lesson.phase.region)
+        pupils = lesson.phase.pupils.keys()
+        if not only or not pupils.isdisjoint(only):
+            begins = pupils - taught if lesson.phase.from_weights else set()
+            taught |= pupils
             if lesson.phase.needs_rollout:
-                check_weights(experiment, plan, but=taught)  # of those that it acts together with
+                check_weights(experiment, plan, but=taught - begins)  # of those that it acts together with
     import torch
 
     from neurorobo.experiment.train import train_experiment
@@ -56,7 +58,7 @@ def train(file: Path, overrides: tuple[str, ...], only: tuple[str, ...], threads
                 folder,
                 only=only,
                 report=lambda index, step: show(
-                    f"{index} {lessons[index].phase.region}", step.done, step.steps, step.error, step.rate
+                    f"{index} {' '.join(lessons[index].phase.pupils)}", step.done, step.steps, step.error, step.rate
                 ),
             )
     except KeyboardInterrupt:
@@ -66,5 +68,5 @@ def train(file: Path, overrides: tuple[str, ...], only: tuple[str, ...], threads
     for finished in reports:
         rms = finished.evaluation.get("rms", {}).items()  # a plugin's rule may have other figures
         errors = ", ".join(f"{port} {[round(value, 3) for value in windows[-1]]}" for port, windows in rms)
-        click.echo(f"phase {finished.index} {finished.region}: {f'rms error {errors}' if rms else 'done'}")
+        click.echo(f"phase {finished.index} {' '.join(finished.regions)}: {f'rms error {errors}' if rms else 'done'}")
     click.echo(f"weights  {folder}")

@@ -10,7 +10,7 @@ from neurorobo.config.faults import raise_faults
 from neurorobo.config.plugged_reader import read_plugged
 from neurorobo.errors import ConfigError, Fault, did_you_mean
 from neurorobo.experiment.plan import build_plan
-from neurorobo.learning.phase import DataConfig, Phase
+from neurorobo.learning.phase import DataConfig, Phase, Pupil, Surroundings
 from neurorobo.plugins import Registry
 from neurorobo.regions import RegionConfig
 from neurorobo.regions.config import checked_ports
@@ -18,10 +18,10 @@ from neurorobo.regions.config import checked_ports
 
 @dataclass(frozen=True)
 class Lesson:
-    """One phase, the configuration of the pupil that it names, and of each of its parts, such as ``teacher``."""
+    """One phase, the configurations of the pupils that it names, and of each of its parts, such as ``teacher``."""
 
     phase: Phase
-    pupil: RegionConfig
+    pupils: Mapping[str, RegionConfig]
     parts: Mapping[str, BaseModel]
 
     @property
@@ -57,12 +57,13 @@ def _read(phase: BaseModel, experiment: Experiment, registry: Registry) -> Lesso
     if not isinstance(phase, Phase):
         message = f"a {type(phase).__name__} cannot be run by `neurorobo train`; its author has to derive it from Phase"
         raise ConfigError([Fault(("phase",), message)])
-    pupil = experiment.regions.get(phase.region)
-    if pupil is None:
-        raise ConfigError(
-            [Fault(("region",), f"there is no region `{phase.region}`{did_you_mean(phase.region, experiment.regions)}")]
-        )
-    faults: list[Fault] = []
+    faults = [
+        Fault(path, f"there is no region `{name}`{did_you_mean(name, experiment.regions)}")
+        for name, path in phase.pupils.items()
+        if name not in experiment.regions
+    ]
+    if faults:
+        raise ConfigError(faults)
     parts: dict[str, BaseModel] = {}
     for key, kind in phase.parts.items():
         try:
@@ -73,12 +74,21 @@ def _read(phase: BaseModel, experiment: Experiment, registry: Registry) -> Lesso
             faults += error.under(key).faults
     if faults:
         raise ConfigError(faults)
-    if phase.needs_rollout and phase.region not in {use.region for use in build_plan(experiment).uses()}:
-        message = "takes part in no step, so that it meets nothing by itself; use it in `steps`, or train it otherwise"
-        raise ConfigError([Fault(("region",), f"`{phase.region}` {message}")])
-    try:
-        inputs, outputs = checked_ports(pupil, experiment.clock)
-    except ConfigError as error:
-        raise error.under("region") from error
-    phase.check(pupil, inputs, outputs, experiment.clock, parts)
-    return Lesson(phase, pupil, parts)
+    plan = build_plan(experiment) if phase.needs_rollout else None
+    pupils = {}
+    for name, path in phase.pupils.items():
+        if plan is not None and name not in {use.region for use in plan.uses()}:
+            message = (
+                "takes part in no step, so that it meets nothing by itself; use it in `steps`, or train it otherwise"
+            )
+            faults.append(Fault(path, f"`{name}` {message}"))
+            continue
+        config = experiment.regions[name]
+        try:
+            pupils[name] = Pupil(config, *checked_ports(config, experiment.clock))
+        except ConfigError as error:
+            faults += error.under(*path).faults
+    if faults:
+        raise ConfigError(faults)
+    phase.check(Surroundings(pupils, parts, experiment.clock, plan, experiment.body))
+    return Lesson(phase, {name: pupil.config for name, pupil in pupils.items()}, parts)

@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 import torch
 from torch import Tensor
@@ -23,9 +23,11 @@ class Rollout:
     building a brain and a task raises.
     """
 
-    def __init__(self, experiment: Experiment, plan: Plan, learner: str, trained: Mapping[str, Region]) -> None:
+    def __init__(
+        self, experiment: Experiment, plan: Plan, learners: Collection[str], trained: Mapping[str, Region]
+    ) -> None:
         self._experiment = experiment
-        self._learner = learner
+        [self._learner] = learners
         self._brain = build_brain(experiment, plan, trained)
         self._task = build_task(experiment)
 

@@ -1,17 +1,24 @@
 """The configuration of training phases: what all have in common, and the supervised one with the data it draws."""
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Iterator, Mapping
-from typing import Annotated, Any, ClassVar, Literal
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
+from neurorobo.bodies import BodyConfig
 from neurorobo.clock import Clock
 from neurorobo.errors import ConfigError, Fault, did_you_mean
+from neurorobo.graph.plan import Plan
 from neurorobo.regions.config import RegionConfig
 from neurorobo.regions.port import Port
 from neurorobo.seeds import LARGEST_SEED
 from neurorobo.units import UnitError, parse_quantity, same_unit
+
+if TYPE_CHECKING:
+    from neurorobo.regions.region import Region
 
 _FALL: Mapping[str, Callable[[float], float]] = {
     "constant": lambda done: 1.0,
@@ -74,16 +81,46 @@ class OnPolicy(BaseModel):
         return round(self.share * batch)
 
 
-class Phase(BaseModel):
+@dataclass(frozen=True)
+class Pupil:
+    """A region that a phase trains: its configuration and its ports."""
+
+    config: RegionConfig
+    inputs: Mapping[str, Port]
+    outputs: Mapping[str, Port]
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """What a phase has to fit: its pupils by name, its parts, and the experiment around them.
+
+    ``parts`` are configurations; the ports of regions among them have been checked by themselves. The plan is there for
+    a phase that needs a rollout.
+    """
+
+    pupils: Mapping[str, Pupil]
+    parts: Mapping[str, BaseModel]
+    clock: Clock
+    plan: Plan | None
+    body: BodyConfig | None
+
+
+class Phase(BaseModel, ABC):
     """Base of the configuration of a training phase, of whatever rule; it must not import torch.
 
-    ``implementation`` names what trains, as ``"package.module:function"``: it is called with the keywords ``region``,
-    ``phase``, ``generator``, ``report`` (of :class:`neurorobo.learning.supervise.Progress`), ``checkpoints``
-    (:class:`neurorobo.learning.checkpoint.Checkpoints`, to use or not), and one for each of ``parts``, and trains the
-    region in place. A phase that ``needs_rollout`` is also given ``rollout``
-    (:class:`neurorobo.learning.on_policy.Rollout`). ``parts`` are the fields that name something to be built: a region
-    or a source of data. ``examination`` names a function of ``region``, ``phase``, ``generator`` and the parts, which
-    returns what ``training.json`` is to say of the trained region.
+    ``implementation`` names what trains, as ``"package.module:function"``: it is called with the keywords ``regions``
+    (by name; one ``region`` for a :class:`RegionPhase`), ``phase``, ``generator``, ``report`` (of
+    :class:`neurorobo.learning.supervise.Progress`), ``checkpoints`` (to use or not, of
+    :class:`neurorobo.learning.checkpoint.Checkpoints`), and one for each of ``parts``, and trains the regions in place.
+    ``parts`` are the fields that name something to be built: a region or a source of data. A phase that
+    ``needs_rollout`` is also given ``rollout``: an object of the class that ``rollout`` names, built of the experiment,
+    its plan, the names of the pupils and all regions trained so far, with a ``fingerprint()`` of the closed loop.
+
+    What ``training.json`` is to say of the phase, ready for JSON, is returned by ``implementation``, or by the function
+    that ``examination`` names, of the same regions, ``phase``, ``generator`` and parts, or by both.
+
+    ``from_weights`` tells where a region begins that no earlier phase has trained: with the weights that the file
+    names, or with fresh ones.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
@@ -91,34 +128,56 @@ class Phase(BaseModel):
     implementation: ClassVar[str]
     examination: ClassVar[str | None] = None
     parts: ClassVar[Mapping[str, Literal["region", "data"]]] = {}
+    rollout: ClassVar[str] = "neurorobo.experiment.rollout:Rollout"
+    from_weights: ClassVar[bool] = False
 
     phase: str
-    region: str
     seed: int = Field(default=0, ge=0, le=LARGEST_SEED)
 
     @property
+    @abstractmethod
+    def pupils(self) -> Mapping[str, tuple[str | int, ...]]:
+        """The regions that learn, each with the place in the phase that names it."""
+
+    @property
     def needs_rollout(self) -> bool:
-        """Whether the rule lets the region act in the closed loop of the experiment."""
+        """Whether the rule lets its pupils act in the closed loop of the experiment."""
         return False
 
-    def check(
-        self,
-        pupil: RegionConfig,
-        inputs: Mapping[str, Port],
-        outputs: Mapping[str, Port],
-        clock: Clock,
-        parts: Mapping[str, BaseModel],
-    ) -> None:
-        """Raise a ConfigError with all that does not fit the pupil, a region of these ports.
+    def check(self, surroundings: Surroundings) -> None:
+        """Raise a ConfigError with all that does not fit the experiment, before anything is built."""
 
-        ``parts`` are configurations; the ports of regions among them have been checked by themselves.
-        """
+    def check_parameters(self, groups: Mapping[str, Collection[str]]) -> None:
+        """Raise a ConfigError if the phase does not fit the parameter groups of its pupils, known once built."""
+
+    def keywords(self, regions: Mapping[str, "Region"]) -> dict[str, object]:
+        """Return how implementation and examination are given the regions."""
+        return {"regions": {name: regions[name] for name in self.pupils}}
+
+
+class RegionPhase(Phase):
+    """Base of the configuration of a phase that trains one region."""
+
+    region: str
+
+    @property
+    def pupils(self) -> Mapping[str, tuple[str | int, ...]]:
+        """The one region that learns."""
+        return {self.region: ("region",)}
+
+    def check_parameters(self, groups: Mapping[str, Collection[str]]) -> None:
+        """Raise a ConfigError if the phase does not fit the parameter groups of its region."""
+        self.check_groups(groups[self.region])
 
     def check_groups(self, groups: Collection[str]) -> None:
-        """Raise a ConfigError if the phase does not fit a region of these parameter groups, known once it is built."""
+        """Raise a ConfigError if the phase does not fit a region of these parameter groups."""
+
+    def keywords(self, regions: Mapping[str, "Region"]) -> dict[str, object]:
+        """Return how implementation and examination are given the region."""
+        return {"region": regions[self.region]}
 
 
-class SupervisePhase(Phase):
+class SupervisePhase(RegionPhase):
     """Train a region to do what its teacher does, by back-propagation through time with surrogate gradients (STBP).
 
     Source: Eq. 9 and 10 of Xing et al. for the loss and the unrolling, Wu et al. 2018 for the gradients.
@@ -166,19 +225,14 @@ class SupervisePhase(Phase):
         """Whether the region learns from what it meets by itself."""
         return self.on_policy is not None
 
-    def check(
-        self,
-        pupil: RegionConfig,
-        inputs: Mapping[str, Port],
-        outputs: Mapping[str, Port],
-        clock: Clock,
-        parts: Mapping[str, BaseModel],
-    ) -> None:
-        """Raise a ConfigError with all that does not fit the pupil, a region of these ports, and its teacher."""
-        faults = [*self._port_faults(inputs, outputs), *self._loop_faults(pupil, inputs)]
-        teacher = parts["teacher"]
+    def check(self, surroundings: Surroundings) -> None:
+        """Raise a ConfigError with all that does not fit the pupil and its teacher."""
+        pupil = surroundings.pupils[self.region]
+        inputs, outputs = pupil.inputs, pupil.outputs
+        faults = [*self._port_faults(inputs, outputs), *self._loop_faults(pupil.config, inputs)]
+        teacher = surroundings.parts["teacher"]
         assert isinstance(teacher, RegionConfig)
-        faults += self._teacher_faults(inputs, outputs, teacher, clock)
+        faults += self._teacher_faults(inputs, outputs, teacher, surroundings.clock)
         if faults:
             raise ConfigError(faults)
 

@@ -24,7 +24,7 @@ from neurorobo.experiment.lessons import read_lessons
 from neurorobo.experiment.train import train_experiment
 from neurorobo.learning.checkpoint import Checkpoints
 from neurorobo.learning.on_policy import Rollout
-from neurorobo.learning.phase import DataConfig, Phase
+from neurorobo.learning.phase import DataConfig, Phase, RegionPhase
 from neurorobo.learning.supervise import Progress
 from neurorobo.plugins import Registrar, Registry, hookimpl
 from neurorobo.regions import Port, RegionConfig
@@ -80,7 +80,7 @@ class Noise:
         return {"x": torch.randn(batch, 2, generator=generator)}
 
 
-class SetPhase(Phase):
+class SetPhase(RegionPhase):
     """A rule of a plugin's own: it sets the gain."""
 
     implementation: ClassVar[str] = f"{HERE}:set_gain"
@@ -94,7 +94,7 @@ def set_gain(*, region: Region, phase: SetPhase, report: Any, **_: object) -> No
     report(Progress(1, 1, 0.0, {}, 0.0))
 
 
-class GonePhase(Phase):
+class GonePhase(RegionPhase):
     implementation: ClassVar[str] = f"{HERE}:gone"
     phase: Literal["school.gone"] = "school.gone"
 
@@ -105,6 +105,7 @@ class Plugin:
         registry.add("region", "school.scale", f"{HERE}:ScaleConfig")
         registry.add("data", "school.noise", f"{HERE}:NoiseConfig")
         registry.add("rule", "school.set", f"{HERE}:SetPhase")
+        registry.add("rule", "school.pair", f"{HERE}:PairPhase")
         registry.add("rule", "school.gone", f"{HERE}:GonePhase")
 
 
@@ -155,7 +156,7 @@ def test_the_core_s_rule_and_a_plugin_s_run_from_one_file(tmp_path: Path) -> Non
     seen: list[int] = []
     reports = train(tmp_path, report=lambda index, progress: seen.append(index))
     assert (gain(tmp_path, "pupil"), gain(tmp_path, "other")) == (pytest.approx(2.0, abs=0.05), 7.0)
-    assert [report.region for report in reports] == ["pupil", "other"]
+    assert [report.regions for report in reports] == [("pupil",), ("other",)]
     assert seen == [0] * 150 + [1]
     assert set(reports[0].evaluation) == {"rms", "largest", "bias", "firing_rates"}
     assert reports[1].evaluation == {}
@@ -216,7 +217,7 @@ def test_training_one_region_keeps_what_is_known_of_the_others(tmp_path: Path) -
     [first] = json.loads(report.read_text())["phases"]
     train(tmp_path, only=["other"])
     phases = json.loads(report.read_text())["phases"]
-    assert [phase["region"] for phase in phases] == ["pupil", "other"]
+    assert [phase["regions"] for phase in phases] == [["pupil"], ["other"]]
     assert phases[0] == first
 
 
@@ -286,7 +287,7 @@ def test_a_checkpoint_without_the_phase_before_it_is_refused(tmp_path: Path) -> 
 
 def test_weights_that_do_not_say_how_they_were_trained_are_refused(tmp_path: Path) -> None:
     experiment, [lesson, _] = lessons(tmp_path)
-    region = build_region(lesson.pupil, experiment, torch.Generator())
+    region = build_region(lesson.pupils["pupil"], experiment, torch.Generator())
     save_weights(region, tmp_path / "out" / "phase0_pupil.safetensors", {"phase": "0", "seconds": "1"})
     with pytest.raises(NeuroroboError, match="was trained by another version, which does not say how; remove it"):
         train(tmp_path)
@@ -344,7 +345,7 @@ train:
 )
 
 
-class LoopPhase(Phase):
+class LoopPhase(RegionPhase):
     """A rule that acts once in the closed loop."""
 
     implementation: ClassVar[str] = f"{HERE}:act"
@@ -495,3 +496,54 @@ def test_a_note_tells_of_spiking_regions_that_act_untrained(tmp_path: Path, caps
     text = ACTING.replace("  pupil:", "  watcher: {type: toy.net}\n  pupil:")
     loop(tmp_path, text.replace("command:", "  - look: {use: watcher, force: body.force}\ncommand:"))
     assert "note: train.1: `watcher` has no `weights` and learns later or not at all" in capsys.readouterr().err
+
+
+class PairPhase(Phase):
+    """A rule of a plugin's own for several regions: it adds to each gain."""
+
+    implementation: ClassVar[str] = f"{HERE}:add_to_gains"
+    from_weights: ClassVar[bool] = True
+    phase: Literal["school.pair"] = "school.pair"
+    regions: tuple[str, ...]
+    add: float
+
+    @property
+    def pupils(self) -> Mapping[str, tuple[str | int, ...]]:
+        return {name: ("regions", index) for index, name in enumerate(self.regions)}
+
+
+def add_to_gains(*, regions: Mapping[str, Region], phase: PairPhase, report: Any, **_: object) -> Mapping[str, Any]:
+    with torch.no_grad():
+        for region in regions.values():
+            region.get_parameter("gain.value").add_(phase.add)
+    report(Progress(1, 1, 0.0, {}, 0.0))
+    return {"gains": [region.get_parameter("gain.value").item() for region in regions.values()]}
+
+
+PAIR = FILE.replace("region: other, to: 7.0", "region: pupil, to: 7.0") + (
+    "  - {phase: school.pair, regions: [pupil, other], add: 1.0}\n"
+)
+
+
+def test_a_phase_may_train_several_regions_and_go_on_from_the_weights_of_the_file(tmp_path: Path) -> None:
+    file = PAIR.replace("other: {type: school.scale", "other: {type: school.scale, weights: other.safetensors")
+    experiment, [lesson, *_] = lessons(tmp_path, file)
+    region = build_region(lesson.pupils["pupil"], experiment, torch.Generator())
+    with torch.no_grad():
+        region.get_parameter("gain.value").fill_(3.0)
+    save_weights(region, tmp_path / "other.safetensors", {})
+    [*single, both] = train(tmp_path, file)
+    assert both.regions == ("pupil", "other")
+    assert both.evaluation == {"gains": [8.0, 4.0]}  # the one from the phase before, the other from its weights
+    assert (gain(tmp_path, "pupil"), gain(tmp_path, "other")) == (8.0, 4.0)
+    assert train(tmp_path, file) == [*single, both]  # what a rule has found outlives it
+    with torch.no_grad():
+        region.get_parameter("gain.value").fill_(2.0)
+    save_weights(region, tmp_path / "other.safetensors", {})
+    with pytest.raises(NeuroroboError, match=r"phase2_.*safetensors was trained from other weights"):
+        train(tmp_path, file)
+
+
+def test_every_region_that_there_is_not_is_told_at_its_place(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match=r"train.2.regions.1: there is no region `othre`; did you mean `other`"):
+        lessons(tmp_path, PAIR.replace("[pupil, other]", "[pupil, othre]"))

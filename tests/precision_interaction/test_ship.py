@@ -33,7 +33,7 @@ def tool() -> dict[str, Any]:
 def read(*more: str) -> tuple[Experiment, list[Lesson]]:
     registry = Registry.discover()
     experiment = load_experiment(EXAMPLE, [*SMALL, *more], registry)
-    return experiment, [lesson for lesson in read_lessons(experiment, registry) if lesson.phase.region == NAME]
+    return experiment, [lesson for lesson in read_lessons(experiment, registry) if NAME in lesson.phase.pupils]
 
 
 @pytest.fixture(scope="module")

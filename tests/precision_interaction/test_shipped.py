@@ -168,7 +168,7 @@ def test_an_episode_is_the_same_alone_and_in_a_batch(experiment: Experiment, bra
 
 def compared(experiment: Experiment, region: str, index: int, **data: float) -> Evaluation:
     """A shipped region beside its teacher, on data that no training has drawn."""
-    lessons = [lesson for lesson in read_lessons(experiment, Registry.discover()) if lesson.phase.region == region]
+    lessons = [lesson for lesson in read_lessons(experiment, Registry.discover()) if region in lesson.phase.pupils]
     lesson = lessons[index]
     source = lesson.data.model_copy(update=data)
     return evaluate(

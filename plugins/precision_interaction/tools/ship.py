@@ -42,7 +42,7 @@ def ship(
     """
     config = experiment.regions[name]
     region = build_region(config, experiment, torch.Generator().manual_seed(0))
-    phases = [phase for phase in report["phases"] if phase["region"] == name]
+    phases = [phase for phase in report["phases"] if name in phase["regions"]]
     for lesson, phase in zip(lessons, phases, strict=True):
         _same_settings(region, lesson, trained / f"phase{phase['index']}_{name}.safetensors")
     notes = load_weights(region, trained / f"{name}.safetensors")
@@ -149,8 +149,8 @@ def main() -> None:
         experiment = load_experiment(arguments.file, arguments.overrides, registry)
         lessons = read_lessons(experiment, registry)
         report = json.loads((arguments.trained / "training.json").read_text())
-        for name in dict.fromkeys(phase["region"] for phase in report["phases"]):
-            own = [lesson for lesson in lessons if lesson.phase.region == name]
+        for name in dict.fromkeys(name for phase in report["phases"] for name in phase["regions"]):
+            own = [lesson for lesson in lessons if name in lesson.phase.pupils]
             path = ship(experiment, name, own, arguments.trained, report, arguments.out)
             print(f"{path.name}: {path.stat().st_size / 1e6:.2f} MB")
     except (NeuroroboError, OSError) as error:
