@@ -51,7 +51,7 @@ def pretrained_path(config: RegionConfig, clock: Clock) -> Path:
     if package is None:
         raise NeuroroboError(f"`{config.type}` ships no weights; leave `weights` out, or name a file")
     folder = Path(str(resources.files(package)))
-    stem = config.type.rpartition(".")[2]
+    stem = str(config.signature(clock)["type"]).rpartition(".")[2]
     path = folder / f"{stem}-{signature_hash(config, clock)}.safetensors"
     if path.exists():
         return path
