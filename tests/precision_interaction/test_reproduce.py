@@ -36,6 +36,10 @@ class Toy(Row):
     def files(self, setting: Setting) -> Sequence[Path]:
         return [setting.examples / "input.txt"]
 
+    def words(self, setting: Setting) -> Sequence[str]:
+        file = setting.examples / "word.txt"
+        return [file.read_text()] if file.exists() else []
+
 
 def present(results: Mapping[str, Result], setting: Setting) -> Presentation:
     lines = [[name, str(result["value"])] for name, result in results.items()]
@@ -73,8 +77,11 @@ def test_what_failed_is_named_and_what_is_done_is_kept(setting: Setting, tmp_pat
 def test_a_changed_file_or_scale_has_everything_measured_again(setting: Setting, tmp_path: Path) -> None:
     measure_missing([Store(tmp_path, Toy(), setting)], setting, jobs=1)
     assert Store(tmp_path, Toy(), Setting(tmp_path, quick=True)).missing() == ["one", "two"]
-    (tmp_path / "input.txt").write_text("2")
-    assert Store(tmp_path, Toy(), setting).missing() == ["one", "two"]
+    for name in ("input.txt", "word.txt"):
+        (tmp_path / name).write_text("2")
+        changed = Store(tmp_path, Toy(), setting)
+        assert changed.missing() == ["one", "two"]
+        measure_missing([changed], setting, jobs=1)
 
 
 def test_a_row_of_one_version_is_whole_and_of_two_is_not(setting: Setting, tmp_path: Path) -> None:
@@ -105,6 +112,13 @@ def test_a_row_depends_on_all_that_its_code_imports_and_names() -> None:
         assert module in found
     for module in ("rig.insertion_rig", "regions.cerebellum", "plugin", "reproduce.command"):
         assert f"precision_interaction.{module}" not in found
+
+
+def test_a_row_does_not_depend_on_bystanders() -> None:
+    module, rollout = "precision_interaction.reproduce.hippocampus", "neurorobo.experiment.rollout"
+    every, fewer = dependencies.modules(module), dependencies.modules(module, frozenset({rollout}))
+    assert {rollout, "neurorobo.experiment.closed_loop"} <= every - fewer
+    assert "neurorobo.learning.supervise" in fewer
 
 
 @pytest.mark.parametrize("page", pages(), ids=lambda page: page.row.name)

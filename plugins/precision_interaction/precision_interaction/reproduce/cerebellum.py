@@ -49,6 +49,7 @@ class Cerebellum(Row):
     """Mean radial force over the first 20 periods of 100 trajectories, for several control periods and sizes."""
 
     name: ClassVar[str] = "fig6"
+    bystanders: ClassVar[frozenset[str]] = frozenset({"neurorobo.experiment.rollout"})
 
     def cells(self, setting: Setting) -> Sequence[str]:
         """Return one for teachers and PIDs of each period, and one for each network."""

@@ -15,14 +15,16 @@ PACKAGES = ("neurorobo", "precision_interaction")
 NATIVE = "neurorobo.engine.native"
 
 
-def fingerprint(module: str, files: Iterable[Path], words: Iterable[str] = ()) -> str:
+def fingerprint(
+    module: str, files: Iterable[Path], words: Iterable[str] = (), without: frozenset[str] = frozenset()
+) -> str:
     """Return a hash of a module's source, of all that it and the YAML files among ``files`` need, of the files, words.
 
     What is needed is what is imported, and what plugins registered under a name that stands there: `precision.law`.
     """
     digest = hashlib.sha256()
     named = {target for file in files if file.suffix == ".yaml" for target in _registered_in(file.read_text())}
-    for name in sorted(modules(module).union(*map(modules, named))):
+    for name in sorted(modules(module, without).union(*(modules(each, without) for each in named))):
         digest.update(name.encode() + b"\0" + _content(name))
     for file in sorted(files):
         digest.update(file.name.encode() + b"\0" + file.read_bytes())
@@ -32,13 +34,16 @@ def fingerprint(module: str, files: Iterable[Path], words: Iterable[str] = ()) -
 
 
 @cache
-def modules(module: str) -> frozenset[str]:
-    """Return the names of a module and of all modules of `PACKAGES` that it needs, at whatever remove."""
+def modules(module: str, without: frozenset[str] = frozenset()) -> frozenset[str]:
+    """Return the names of a module and of all modules of `PACKAGES` that it needs, at whatever remove.
+
+    Those in ``without`` are left out, and what they alone need.
+    """
     found: set[str] = set()
     waiting = [module]
     while waiting:
         name = waiting.pop()
-        if name in found:
+        if name in found or name in without:
             continue
         found.add(name)
         waiting += _needs(name)

@@ -3,7 +3,6 @@
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 import numpy as np
@@ -119,14 +118,15 @@ class Fig5(Row):
     """Root mean square errors of the expectation, for one to five periods ahead."""
 
     name: ClassVar[str] = "fig5"
+    bystanders: ClassVar[frozenset[str]] = frozenset({"neurorobo.experiment.rollout"})
 
     def cells(self, setting: Setting) -> Sequence[str]:
         """Return a cell for each network, course and training seed."""
         return [case.name for case in cases(setting)]
 
-    def files(self, setting: Setting) -> Sequence[Path]:
-        """Return the example whose training is one of the courses."""
-        return [setting.examples / "peg_in_hole.yaml"]
+    def words(self, setting: Setting) -> Sequence[str]:
+        """Return the phases of the example's training, which is one of the courses."""
+        return [phase.model_dump_json() for phase in _course(EXAMPLE, setting)]
 
     def measure(self, cell: str, setting: Setting) -> Result:
         """Train one network and compare it with the law; only the times differ from run to run."""

@@ -24,9 +24,12 @@ class Row(ABC):
     Its ``cells`` are measured one by one, in any order and in processes of their own with one thread each, and are kept
     one by one, until the module of the row or one that it imports changes. How it is shown is another module's business
     (:class:`precision_interaction.reproduce.pages.page.Page`).
+
+    ``bystanders`` are modules that are named on the way but take no part: they do not count, nor what they alone need.
     """
 
     name: ClassVar[str]
+    bystanders: ClassVar[frozenset[str]] = frozenset()
 
     @abstractmethod
     def cells(self, setting: Setting) -> Sequence[str]:
@@ -38,4 +41,8 @@ class Row(ABC):
 
     def files(self, setting: Setting) -> Sequence[Path]:
         """Return the files that the results depend on besides the code, such as examples and weights."""
+        return ()
+
+    def words(self, setting: Setting) -> Sequence[str]:
+        """Return what else the results depend on, such as a part of a file."""
         return ()

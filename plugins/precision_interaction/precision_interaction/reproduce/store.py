@@ -40,8 +40,9 @@ class Store:
     @cached_property
     def key(self) -> str:
         """The hash of what all cells depend on."""
-        scale = "quick" if self.setting.quick else "full"
-        return fingerprint(type(self.row).__module__, self.row.files(self.setting), (self.row.name, scale))
+        row, setting = self.row, self.setting
+        words = (row.name, "quick" if setting.quick else "full", *row.words(setting))
+        return fingerprint(type(row).__module__, row.files(setting), words, row.bystanders)
 
     def missing(self) -> list[str]:
         """Return the cells that were not measured, or by other code or settings."""
