@@ -24,7 +24,10 @@ class IdentifiedLawConfig(AnalyticConfig):
     implementation: ClassVar[str] = "precision_interaction.rig.identified_law:IdentifiedLaw"
 
     type: Literal["precision.identified_law"] = "precision.identified_law"
-    contact: IdentifiedContact = Field(description="What `neurorobo identify` wrote.")
+    contact: IdentifiedContact = Field(
+        default=ProportionalContactConfig(law="proportional"),
+        description="What `neurorobo identify` wrote; the paper's if left out.",
+    )
     period: str = Field(default="radial", description="Name of the period whose contact is expected, as under `time`.")
     start_speed: StartSpeed = Field(
         default=table_one.CREEP_SPEED_UM_S, description="The speed before anything is planned."

@@ -57,9 +57,10 @@ class PegAndHole:
         self.depth_um, self.centre_um = draw_rings(config, np.random.default_rng(seed))
         names = [[f"{name}_{slot}" for name in SEGMENTS] for slot in range(simulated_rings(config))]
         self._bodies = np.array([[self.model.body(name).id for name in ring] for ring in names])
+        # All joints slide, so that the address of a position is that of its velocity.
         self._joints = np.array([[self.model.joint(name).qposadr[0] for name in ring] for ring in names])
         self._driven = np.array([self.model.joint(name).qposadr[0] for name in DRIVEN])
-        self._first = 0  # of the rings that are simulated
+        self._first = 0  # the shallowest ring that is simulated
         for ring in range(len(self._bodies)):
             self._place(ring)
         mujoco.mj_forward(self.model, self.data)
@@ -87,9 +88,11 @@ class PegAndHole:
         return -np.asarray(self.data.sensordata)  # the sensor's is that of the peg on the tool's base
 
     def _exchange_rings(self) -> None:
-        """Put rings that the land has left ahead of it."""
+        """Put rings that the land has left ahead of it, up to the last ring of the hole."""
         inside_um = self.data.qpos[self._driven[2]] - self._config.gap
-        while inside_um - self.depth_um[self._first] > LAND_UM + BEAD_RADIUS_UM:
+        passed_um = inside_um - LAND_UM - BEAD_RADIUS_UM
+        last = len(self.depth_um) - len(self._bodies)
+        while self._first < last and self.depth_um[self._first] < passed_um:
             self._place(self._first + len(self._bodies))
             self._first += 1
 
