@@ -85,7 +85,7 @@ class _Contract:
         """Readings are what is declared, and stay until something moves."""
         body = self.build(self.seeds)
         for _ in range(self.motions):
-            first = body.read()
+            first = {name: values.copy() for name, values in body.read().items()}
             if first.keys() != body.sensors.keys():
                 self.fail(f"it reads {', '.join(first)}, but declares {', '.join(body.sensors)}")
             for name, values in first.items():

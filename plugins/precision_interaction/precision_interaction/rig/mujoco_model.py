@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from neurorobo.bodies.body import Array
 from neurorobo.errors import NeuroroboError
-from precision_interaction.rig.mujoco_rig_config import BEAD_RADIUS_UM, MujocoRigConfig
+from precision_interaction.rig.mujoco_rig_config import BEAD_RADIUS_UM, LONGEST_STEP_NS, MujocoRigConfig
 
 PEG_RADIUS_UM = 2000.0
 LAND_UM = 5.0
@@ -34,9 +34,10 @@ DAMPING_RATIO = 0.4
 DRIVEN_MASS = 1e6  # of stage and elevator: what drives them, no force of this rig slows down
 AXIAL_TOOL_STIFFNESS_MN_UM = 300.0
 
-# Impedance and time constant, in steps, of contacts: as hard as the solver can do with friction and not chatter.
+# Contacts are as hard as they can be with friction and without chatter: with these masses, impedance and time constant
+# make them springs of 300 mN/um.
 CONTACT_IMPEDANCE = 0.9
-CONTACT_STEPS = 2.0
+CONTACT_S = 2e-9 * LONGEST_STEP_NS
 
 SLIDE = mujoco.mjtJoint.mjJNT_SLIDE
 DRIVEN = ("stage_x", "stage_y", "elevator")
@@ -135,8 +136,7 @@ def build(config: MujocoRigConfig) -> mujoco.MjModel:
     segments of the rings, each on a spring and a damper along its radius.
     """
     spec = mujoco.MjSpec()
-    step_s = config.time_step * 1e-9
-    spec.option.timestep = step_s
+    spec.option.timestep = config.time_step * 1e-9
     spec.option.gravity = np.zeros(3)
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
@@ -144,7 +144,7 @@ def build(config: MujocoRigConfig) -> mujoco.MjModel:
     surface = {
         "condim": 3,
         "friction": [config.friction, 0.0, 0.0],
-        "solref": [CONTACT_STEPS * step_s, 1.0],
+        "solref": [CONTACT_S, 1.0],
         "solimp": [CONTACT_IMPEDANCE, CONTACT_IMPEDANCE, 1.0, 0.5, 1.0],
     }
     stage = _body(spec.worldbody, "stage", DRIVEN_MASS)

@@ -4,9 +4,9 @@ from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import BaseModel, Field, model_validator
 
-from neurorobo.units import Interval, Unit, format_duration
+from neurorobo.units import Duration, Interval, Unit, format_duration
 from precision_interaction.rig.identified_law_config import IdentifiedContact, IdentifiedLawConfig
-from precision_interaction.rig.insertion_body_config import InsertionBodyConfig, PositiveDuration
+from precision_interaction.rig.insertion_body_config import InsertionBodyConfig
 from precision_interaction.teachers.contact_expectation_config import ContactLawConfig
 
 Stiffness = Annotated[float, Unit("mN/um", gt=0)]
@@ -15,6 +15,10 @@ Wander = Annotated[float, Unit("um", ge=0)]
 
 BEAD_RADIUS_UM = 10.0
 """Of the tip of each segment, which touches the peg."""
+
+
+LONGEST_STEP_NS = 5_000_000
+"""MuJoCo wants contacts that are twice as slow as its steps, and they are to be as hard whatever the step."""
 
 
 class MujocoRigConfig(InsertionBodyConfig):
@@ -53,7 +57,9 @@ class MujocoRigConfig(InsertionBodyConfig):
         description="How far the centres of the rings have strayed from the hole's axis after 1 mm: the standard "
         "deviation of a random walk, in x and y.",
     )
-    time_step: PositiveDuration = Field(default=5_000_000, description="MuJoCo's; every period is a multiple of it.")
+    time_step: Annotated[Duration, Field(gt=0, le=LONGEST_STEP_NS)] = Field(
+        default=LONGEST_STEP_NS, description="MuJoCo's; every period is a multiple of it."
+    )
 
     @model_validator(mode="after")
     def _resolved(self) -> Self:
