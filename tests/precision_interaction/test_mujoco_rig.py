@@ -192,7 +192,7 @@ def test_without_mujoco_the_file_is_valid_and_building_it_names_the_extra(monkey
     ("options", "message"),
     [
         ({"max_speed": "2 mm/s"}, "passes more than one ring_pitch"),
-        ({"time_step": "10 ms"}, "less than or equal to 5000000"),
+        ({"time_step": "10 ms"}, r"time_step \(10 ms\) must be at most 5 ms"),
         ({"time_step": "3 ms"}, "must be a multiple of time_step"),
         ({"interference": "20 um"}, "less than 10 um"),
         ({"gap": "3 mm"}, "gap .* must be shorter"),

@@ -147,14 +147,14 @@ def _taught_by_teachers(setting: Setting) -> Experiment:
 
 
 def _train(folder: Path, setting: Setting) -> dict[str, Any]:
-    """Train the hippocampus as `neurorobo train` does with the example; return time and errors."""
+    """Train the hippocampus as `neurorobo train` does with the example; return its errors."""
     registry = Registry.discover()
     experiment = load_experiment(setting.examples / EXAMPLE, registry=registry)
     if setting.quick:
         phases = [phase.model_copy(update={"steps": 2}) for phase in experiment.train]
         experiment = experiment.model_copy(update={"train": tuple(phases)})
     reports = train_experiment(experiment, read_lessons(experiment, registry), folder, only=[REGION])
-    return {"training_s": sum(report.seconds for report in reports), "rms": reports[-1].evaluation["rms"]}
+    return {"rms": reports[-1].evaluation["rms"]}
 
 
 def _insert(experiment: Experiment, setting: Setting) -> dict[str, Any]:

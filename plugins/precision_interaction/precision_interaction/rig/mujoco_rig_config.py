@@ -4,9 +4,9 @@ from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import BaseModel, Field, model_validator
 
-from neurorobo.units import Duration, Interval, Unit, format_duration
+from neurorobo.units import Interval, Unit, format_duration
 from precision_interaction.rig.identified_law_config import IdentifiedContact, IdentifiedLawConfig
-from precision_interaction.rig.insertion_body_config import InsertionBodyConfig
+from precision_interaction.rig.insertion_body_config import InsertionBodyConfig, PositiveDuration
 from precision_interaction.teachers.contact_expectation_config import ContactLawConfig
 
 Stiffness = Annotated[float, Unit("mN/um", gt=0)]
@@ -15,7 +15,6 @@ Wander = Annotated[float, Unit("um", ge=0)]
 
 BEAD_RADIUS_UM = 10.0
 """Of the tip of each segment, which touches the peg."""
-
 
 LONGEST_STEP_NS = 5_000_000
 """MuJoCo wants contacts that are twice as slow as its steps, and they are to be as hard whatever the step."""
@@ -57,12 +56,16 @@ class MujocoRigConfig(InsertionBodyConfig):
         description="How far the centres of the rings have strayed from the hole's axis after 1 mm: the standard "
         "deviation of a random walk, in x and y.",
     )
-    time_step: Annotated[Duration, Field(gt=0, le=LONGEST_STEP_NS)] = Field(
-        default=LONGEST_STEP_NS, description="MuJoCo's; every period is a multiple of it."
+    time_step: PositiveDuration = Field(
+        default=LONGEST_STEP_NS, description="MuJoCo's, at most 5 ms; every period is a multiple of it."
     )
 
     @model_validator(mode="after")
     def _resolved(self) -> Self:
+        if self.time_step > LONGEST_STEP_NS:
+            raise ValueError(
+                f"time_step ({format_duration(self.time_step)}) must be at most {format_duration(LONGEST_STEP_NS)}"
+            )
         if self.axial_period % self.time_step:
             raise ValueError(
                 f"axial_period ({format_duration(self.axial_period)}) must be a multiple of time_step "

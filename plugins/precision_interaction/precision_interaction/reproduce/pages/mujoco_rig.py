@@ -89,10 +89,7 @@ def _insertions(results: Mapping[str, Result]) -> Table:
         worst = f"{max(found['mean_force_mN']):.1f} / {max(found['max_force_mN']):.1f}"
         share = f"{float(np.mean(found['mean_force_mN'])) / teachers:.2f}"
         lines.append([words, *figures, worst, share, f"{inserted} of {len(found['success'])}"])
-    caption = (
-        "Means over the runs, with 95 % intervals from a bootstrap, and the worst run. The hippocampus was trained in "
-        f"{results[TRAINED]['training_s'] / 60:.1f} minutes of one core."
-    )
+    caption = "Means over the runs, with 95 % intervals from a bootstrap, and the worst run."
     heads = (
         "controller",
         "steps",
