@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
 
 from pydantic import BaseModel
 
@@ -14,6 +15,14 @@ from neurorobo.learning.phase import DataConfig, Phase, Pupil, Surroundings
 from neurorobo.plugins import Registry
 from neurorobo.regions import RegionConfig
 from neurorobo.regions.config import checked_ports
+
+
+@runtime_checkable
+class TellsParts(Protocol):
+    """The configuration of a body that knows what its brain is to learn, such as what was measured on it."""
+
+    def tell(self, part: BaseModel) -> BaseModel:
+        """Return a teacher or source of data as it is for this body: the same, or one that follows from both."""
 
 
 @dataclass(frozen=True)
@@ -67,7 +76,11 @@ def _read(phase: BaseModel, experiment: Experiment, registry: Registry) -> Lesso
     parts: dict[str, BaseModel] = {}
     for key, kind in phase.parts.items():
         try:
-            parts[key] = part = read_plugged(kind, getattr(phase, key), registry)
+            part = read_plugged(kind, getattr(phase, key), registry)
+            if isinstance(experiment.body, TellsParts) and (told := experiment.body.tell(part)) is not part:
+                part = told
+                phase = phase.model_copy(update={key: part.model_dump(mode="json")})
+            parts[key] = part
             if isinstance(part, RegionConfig):
                 checked_ports(part, experiment.clock)
         except ConfigError as error:

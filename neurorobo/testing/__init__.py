@@ -1,5 +1,6 @@
-"""The conformance kit: what every region, bundled or not, is tested with."""
+"""The conformance kit: what every region and body, bundled or not, is tested with."""
 
+from neurorobo.testing.body import check_body
 from neurorobo.testing.conformance import ConformanceError, check_region
 
-__all__ = ["ConformanceError", "check_region"]
+__all__ = ["ConformanceError", "check_body", "check_region"]

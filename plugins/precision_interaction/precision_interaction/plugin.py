@@ -25,6 +25,11 @@ def neurorobo_register(registry: Registrar) -> None:
         ),
         ("law", "teachers.contact_expectation_config:ContactLawConfig", "teacher of the hippocampus: the contact law"),
         (
+            "identified_law",
+            "rig.identified_law_config:IdentifiedLawConfig",
+            "teacher of the hippocampus: the law of an identified contact",
+        ),
+        (
             "predictive",
             "teachers.compensators_config:PredictiveConfig",
             "teacher of the cerebellum: zeroes the expected force",
@@ -68,6 +73,12 @@ def neurorobo_register(registry: Registrar) -> None:
         "precision.insertion_rig",
         "precision_interaction.rig.insertion_rig_config:InsertionRigConfig",
         "simulated rig: axial elevator, radial stage, force sensor",
+    )
+    registry.add(
+        "body",
+        "precision.mujoco_rig",
+        "precision_interaction.rig.mujoco_rig_config:MujocoRigConfig",
+        "the same rig with a contact that MuJoCo solves (extra `mujoco`)",
     )
     registry.add(
         "task",

@@ -10,7 +10,7 @@ from neurorobo.errors import NeuroroboError
 if TYPE_CHECKING:
     from precision_interaction.identification.analysis import Analysis
     from precision_interaction.identification.log import ContactLog
-    from precision_interaction.rig.insertion_rig_config import InsertionRigConfig
+    from precision_interaction.rig.insertion_body_config import InsertionBodyConfig
 
 
 @click.command()
@@ -32,13 +32,23 @@ if TYPE_CHECKING:
     "--simulate",
     metavar="EXPERIMENT",
     type=click.Path(path_type=Path, dir_okay=False),
-    help="First make LOG on the simulated rig of this experiment.",
+    help="First make LOG on the simulated body of this experiment.",
 )
 @click.option(
     "--repetitions", default=400, show_default=True, type=click.IntRange(10), help="Insertions of each simulated step."
 )
-@click.option("--seed", default=0, show_default=True, type=click.IntRange(0), help="Seed of the simulated rig.")
-def identify(log: Path, out: Path, law: str, simulate: Path | None, repetitions: int, seed: int) -> None:
+@click.option(
+    "--depth",
+    default=0.0,
+    show_default=True,
+    type=click.FloatRange(0),
+    help="How deep in the hole each simulated step begins, in um.",
+)
+@click.option("--filtered", is_flag=True, help="Read the simulated force as if its sensor were filtered.")
+@click.option("--seed", default=0, show_default=True, type=click.IntRange(0), help="Seed of the simulated body.")
+def identify(
+    log: Path, out: Path, law: str, simulate: Path | None, repetitions: int, depth: float, filtered: bool, seed: int
+) -> None:
     """Fit the contact of a rig to LOG, a CSV or Parquet file with a row for each of many insertions.
 
     Its columns are step_um, the commanded axial step, and increment_x_mN, increment_y_mN and, if measured,
@@ -55,7 +65,10 @@ def identify(log: Path, out: Path, law: str, simulate: Path | None, repetitions:
             raise NeuroroboError(f"{log} is there already; remove it, or name another place for the simulated log")
         from precision_interaction.identification.experiment import insert_and_withdraw
 
-        write_log(insert_and_withdraw(_rig_of(simulate), repetitions=repetitions, seed=seed), log)
+        body = _body_of(simulate)
+        if filtered:
+            body = body.model_copy(update={"force_resolution": 0.0})
+        write_log(insert_and_withdraw(body, repetitions=repetitions, seed=seed, depth_um=depth), log)
     found = read_log(log)
     analysis = analyse(found)
     if law == "auto":
@@ -79,13 +92,13 @@ def identify(log: Path, out: Path, law: str, simulate: Path | None, repetitions:
     click.echo(f"contact   {out}")
 
 
-def _rig_of(experiment: Path) -> "InsertionRigConfig":
+def _body_of(experiment: Path) -> "InsertionBodyConfig":
     from neurorobo.config.experiment import load_experiment
-    from precision_interaction.rig.insertion_rig_config import InsertionRigConfig
+    from precision_interaction.rig.insertion_body_config import InsertionBodyConfig
 
     body = load_experiment(experiment).body
-    if not isinstance(body, InsertionRigConfig):
-        raise NeuroroboError(f"{experiment}: its body is not a `precision.insertion_rig`; log insertions on it instead")
+    if not isinstance(body, InsertionBodyConfig):
+        raise NeuroroboError(f"{experiment}: its body cannot insert by itself; log insertions on it instead")
     return body
 
 

@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 from neurorobo.bodies import Array, Body
 from neurorobo.errors import NeuroroboError
 from neurorobo.tasks.task import Flags, Task
-from precision_interaction.rig.insertion_rig import InsertionRig
+from precision_interaction.rig.insertion_body import InsertionBody
 from precision_interaction.rig.insertion_task_config import InsertionTaskConfig
 
 
-class InsertionTask(Task[InsertionRig]):
+class InsertionTask(Task[InsertionBody]):
     """Insert the peg to the body's length: the reward of Eq. 13, and the figures of Sec. VI-B.
 
     The force is the Euclidean norm of the true radial force at the end of every motion (radial period). An episode
@@ -24,9 +24,10 @@ class InsertionTask(Task[InsertionRig]):
     scene: ClassVar[str | None] = "precision_interaction.rig.scene:InsertionScene"
 
     def __init__(self, config: InsertionTaskConfig, body: Body) -> None:
-        if not isinstance(body, InsertionRig):
+        if not isinstance(body, InsertionBody):
             raise NeuroroboError(
-                f"task: `precision.insertion` needs the body `precision.insertion_rig`, not a {type(body).__name__}"
+                "task: `precision.insertion` needs an insertion body, such as `precision.insertion_rig`, "
+                f"not a {type(body).__name__}"
             )
         super().__init__(config, body)
         self.config = config

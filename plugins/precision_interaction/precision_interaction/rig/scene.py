@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from neurorobo.experiment.recorder import Setting
 from neurorobo.views.recording import TIMELINES, Episode
-from precision_interaction.rig.insertion_rig import InsertionRig
+from precision_interaction.rig.insertion_body import InsertionBody
 
 if TYPE_CHECKING:
     from rerun import Mesh3D, RecordingStream
@@ -45,7 +45,7 @@ class InsertionScene:
     """
 
     def __init__(self, setting: Setting) -> None:
-        assert setting.task is not None and isinstance(setting.task.body, InsertionRig)
+        assert setting.task is not None and isinstance(setting.task.body, InsertionBody)
         config = setting.task.body.config
         self._gap_um = config.gap
         self._end_mm = (config.length - config.gap) / 1000.0
