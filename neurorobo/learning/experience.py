@@ -124,6 +124,11 @@ class Performance:
     returns: Sequence[float]
     metrics: Sequence[Mapping[str, float]]
 
+    def to_json(self) -> dict[str, list[float]]:
+        """Return the ``return`` and the figures, each a list over the episodes."""
+        figures = {name: [episode[name] for episode in self.metrics] for name in self.metrics[0]}
+        return {"return": list(self.returns), **figures}
+
 
 class Practice(Protocol):
     """The closed loop of an experiment, in which regions act with their present weights.

@@ -14,7 +14,7 @@ from neurorobo.errors import NeuroroboError
 from neurorobo.learning.actor import Actor, log_probability
 from neurorobo.learning.checkpoint import Checkpoints
 from neurorobo.learning.critic import Critic
-from neurorobo.learning.experience import Experience, Performance, Practice, advantages
+from neurorobo.learning.experience import Experience, Practice, advantages
 from neurorobo.learning.on_policy import SEEDS
 from neurorobo.learning.ppo_config import PpoPhase
 from neurorobo.learning.supervise import Progress, _by_fan_in
@@ -72,7 +72,7 @@ def ppo(
         held_out = {}
         for name, weights in (("before", state.start), ("after", state.best)):
             load(parameters, weights)
-            held_out[name] = _table(rollout.perform(phase.held_out.seeds))
+            held_out[name] = rollout.perform(phase.held_out.seeds).to_json()
     return {
         "learning_curve": [gained for gained, _ in state.curve],
         "kl": [kl for _, kl in state.curve],
@@ -275,13 +275,6 @@ def load(parameters: Parameters, weights: Mapping[str, Tensor]) -> None:
     """Give parameters these values."""
     for name, parameter in parameters.items():
         parameter.copy_(weights[name])
-
-
-def _table(performance: Performance) -> dict[str, list[float]]:
-    """Return what was gained, and the task's figures, each a list over the episodes."""
-    names = performance.metrics[0]
-    figures = {name: [episode[name] for episode in performance.metrics] for name in names}
-    return {"return": list(performance.returns), **figures}
 
 
 @contextmanager

@@ -11,6 +11,7 @@ from precision_interaction.reproduce.pages import (
     firing_rates,
     hippocampus,
     learning,
+    ppo,
 )
 from precision_interaction.reproduce.pages.page import Page
 
@@ -26,4 +27,5 @@ def pages() -> Sequence[Page]:
         assembly.PAGE,
         additivity.PAGE,
         learning.PAGE,
+        ppo.PAGE,
     )
