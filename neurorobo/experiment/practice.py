@@ -37,7 +37,7 @@ class Practice:
     ) -> None:
         self._experiment = experiment
         self._learners = learners
-        self.brain = build_brain(experiment, plan, trained).eval()
+        self.brain = build_brain(experiment, plan, trained)
         task = build_task(experiment)
         assert task is not None
         self._task = task
@@ -49,6 +49,7 @@ class Practice:
 
         ``deviations`` are in the actuators' units. What an episode explores depends on its seed alone.
         """
+        self.brain.eval()
         parts = []
         for batch in _batches(seeds):
             notes = _Notes(self.brain, self._task, deviations, batch)
@@ -59,6 +60,7 @@ class Practice:
 
     def perform(self, seeds: Sequence[int]) -> Performance:
         """Run one episode per seed as the brain says."""
+        self.brain.eval()
         returns: list[float] = []
         metrics: list[Mapping[str, float]] = []
         for batch in _batches(seeds):

@@ -47,38 +47,46 @@ def ppo(
         critic = Critic(rollout.observed, phase.critic, generator)
         learner = Learner(actor, critic, parameters, phase, generator)
         state = _State(regions, rollout, learner, parameters)
-        first = 0 if checkpoints is None else state.resume(checkpoints)
-        for iteration in range(first, phase.iterations):
-            before = state.tensors()
-            try:
-                if iteration == 0:
-                    state.validate(0)
-                seeds = torch.randint(*SEEDS, (phase.episodes,), generator=generator).tolist()
-                experience = rollout.explore(seeds, actor.deviations)
-                if iteration == 0:
-                    critic.scale_to(*experience.returns(phase.discount))
-                figures = learner.learn(experience, iteration / phase.iterations)
-                state.curve.append([experience.mean_return, figures.kl])
-                if (iteration + 1) % phase.validation.every == 0 or iteration + 1 == phase.iterations:
-                    state.validate(iteration + 1)
-            except KeyboardInterrupt:
-                if checkpoints is not None:
-                    checkpoints.write(iteration, before, state.belongs())
-                raise
-            gained = {"return": state.curve[-1][0], "validation": max(mean for _, mean in state.validations)}
-            report(Progress(iteration + 1, phase.iterations, figures.loss, gained, experience.rate))
-            if checkpoints is not None and checkpoints.due:
-                checkpoints.write(iteration + 1, state.tensors(), state.belongs())
-        held_out = {}
-        for name, weights in (("before", state.start), ("after", state.best)):
-            load(parameters, weights)
-            held_out[name] = rollout.perform(phase.held_out.seeds).to_json()
+        done = 0 if checkpoints is None else state.resume(checkpoints)
+        whole = state.tensors()
+        try:
+            while done < phase.iterations:
+                figures, rate = _iterate(rollout, learner, state, done)
+                done, whole = done + 1, state.tensors()
+                gained = {"return": state.curve[-1][0], "validation": max(mean for _, mean in state.validations)}
+                report(Progress(done, phase.iterations, figures.loss, gained, rate))
+                if checkpoints is not None and checkpoints.due:
+                    checkpoints.write(done, whole, state.belongs())
+            held_out = {}
+            for name, weights in (("before", state.start), ("after", state.best)):
+                _load(parameters, weights)
+                held_out[name] = rollout.perform(phase.held_out.seeds).to_json()
+        except KeyboardInterrupt:
+            if checkpoints is not None:
+                checkpoints.write(done, whole, state.belongs())
+            raise
     return {
         "learning_curve": [gained for gained, _ in state.curve],
         "kl": [kl for _, kl in state.curve],
         "validation": state.validations,
         "held_out": held_out,
     }
+
+
+def _iterate(rollout: Practice, learner: "Learner", state: "_State", done: int) -> tuple["Figures", float]:
+    """Run episodes and learn from them; return how it went, and the firing rate."""
+    phase = learner.phase
+    if done == 0:
+        state.validate(0)
+    seeds = torch.randint(*SEEDS, (phase.episodes,), generator=learner.generator).tolist()
+    experience = rollout.explore(seeds, learner.actor.deviations)
+    if done == 0:
+        learner.critic.scale_to(*experience.returns(phase.discount))
+    figures = learner.learn(experience, done / phase.iterations)
+    state.curve.append([experience.mean_return, figures.kl])
+    if (done + 1) % phase.validation.every == 0 or done + 1 == phase.iterations:
+        state.validate(done + 1)
+    return figures, experience.rate
 
 
 class Losses(NamedTuple):
@@ -173,8 +181,9 @@ class Learner:
 
 
 def normalised(advantage: Tensor) -> Tensor:
-    """Return advantages (n) with a mean of zero and a standard deviation of one."""
-    return (advantage - advantage.mean()) / (advantage.std() + 1e-8)
+    """Return advantages (n) with a mean of zero and, if there are several, a standard deviation of one."""
+    centred = advantage - advantage.mean()
+    return centred if len(advantage) < 2 else centred / (advantage.std() + 1e-8)
 
 
 @dataclass
@@ -236,7 +245,7 @@ class _State:
         done, tensors = found
         learner = self.learner
         try:
-            load(self.parameters, _under("weights", tensors))
+            _load(self.parameters, _under("weights", tensors))
             self.best = _under("best", tensors)
             learner.critic.load_state_dict(_under("critic", tensors))
             for prefix, optimiser, parameters in self._optimisers():
@@ -271,15 +280,17 @@ def _under(prefix: str, tensors: Mapping[str, Tensor]) -> dict[str, Tensor]:
 
 
 @torch.no_grad()
-def load(parameters: Parameters, weights: Mapping[str, Tensor]) -> None:
-    """Give parameters these values."""
+def _load(parameters: Parameters, weights: Mapping[str, Tensor]) -> None:
     for name, parameter in parameters.items():
         parameter.copy_(weights[name])
 
 
 @contextmanager
 def _trainable(regions: Mapping[str, Region], phase: PpoPhase) -> Iterator[Parameters]:
-    """Let gradients flow into the parameters that the phase trains, and into no others; yield them by name."""
+    """Let gradients flow into the parameters that the phase trains, and into no others; yield them by name.
+
+    The regions learn as they act: no part of them behaves as in training, if there were one that does.
+    """
     wanted: dict[str, nn.Parameter] = {}
     for name, region in regions.items():
         groups = region.parameter_groups()
@@ -288,11 +299,16 @@ def _trainable(regions: Mapping[str, Region], phase: PpoPhase) -> Iterator[Param
     every = [parameter for region in regions.values() for parameter in region.parameters()]
     before = [parameter.requires_grad for parameter in every]
     ids = {id(parameter) for parameter in wanted.values()}
+    modes = {name: region.training for name, region in regions.items()}
     try:
+        for region in regions.values():
+            region.eval()
         for parameter in every:
             parameter.requires_grad_(id(parameter) in ids)
         yield wanted
     finally:
+        for name, region in regions.items():
+            region.train(modes[name])
         for parameter, required in zip(every, before, strict=True):
             parameter.requires_grad_(required)
             parameter.grad = None

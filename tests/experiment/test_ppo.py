@@ -9,6 +9,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 import pytest
 import torch
+from safetensors import safe_open
 from safetensors.torch import load_file
 from torch import Tensor
 
@@ -195,6 +196,12 @@ def test_what_no_iteration_has_bettered_stays_as_it_was(tmp_path: Path, monkeypa
     assert all(torch.equal(kept[name], tensor) for name, tensor in start.items())
 
 
+def iterations_done(folder: Path) -> int:
+    with safe_open(folder / "out" / "checkpoints" / "phase0.safetensors", "pt") as file:
+        done: int = json.loads(file.metadata()["checkpoint"])["done"]
+    return done
+
+
 def test_an_interrupted_phase_ends_with_the_very_same_weights_and_figures(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -207,6 +214,7 @@ def test_an_interrupted_phase_ends_with_the_very_same_weights_and_figures(
 
     with pytest.raises(KeyboardInterrupt):  # between two iterations
         train(tmp_path / "broken", text, report=stop)
+    assert iterations_done(tmp_path / "broken") == 1
     explore = Practice.explore
 
     def torn(self: Practice, *arguments: Any) -> Any:
@@ -220,6 +228,7 @@ def test_an_interrupted_phase_ends_with_the_very_same_weights_and_figures(
     monkeypatch.setattr(Practice, "explore", torn)
     with pytest.raises(KeyboardInterrupt):  # in the middle of one
         train(tmp_path / "broken", text)
+    assert iterations_done(tmp_path / "broken") == 2
     broken = train(tmp_path / "broken", text)
     assert broken.evaluation == straight.evaluation
     files = [tmp_path / name / "out" / "phase0_pilot.safetensors" for name in ("straight", "broken")]
