@@ -37,10 +37,11 @@ class Training:
         return f"{self.rig}, gamma_f {self.force_weight:g}, seed {self.seed}"
 
 
-SEEDED = [Training(rig, seed) for rig in DEPTH_GAIN for seed in range(1, 6)]
-WEIGHTED = [Training(DEEP_RIG, 1, force_weight) for force_weight in (0.25, 0.5, 2.0, 4.0)]
+FIRST_SEED = 2  # with seed 1 the settings were chosen
+SEEDED = [Training(rig, seed) for rig in DEPTH_GAIN for seed in range(FIRST_SEED, FIRST_SEED + 5)]
+WEIGHTED = [Training(DEEP_RIG, FIRST_SEED, force_weight) for force_weight in (0.25, 0.5, 2.0, 4.0)]
 TRAININGS = {training.name: training for training in (*SEEDED, *WEIGHTED)}
-QUICK_TRAININGS = (Training(DEEP_RIG, 1), Training(PAPER_RIG, 1), WEIGHTED[0])
+QUICK_TRAININGS = (Training(DEEP_RIG, FIRST_SEED), Training(PAPER_RIG, FIRST_SEED), WEIGHTED[0])
 IDEAL_SPEEDS_UM_S = {f"ideal, {speed} um/s": speed for speed in (100, 80, 60, 40, 30)}
 QUICK = ("iterations=1", "episodes=1", "validation={episodes: 1}", "held_out={episodes: 2}")
 
