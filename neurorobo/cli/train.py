@@ -1,6 +1,9 @@
 """The train command: the phases of an experiment, resumable."""
 
+from collections.abc import Mapping
 from pathlib import Path
+from statistics import fmean
+from typing import Any
 
 import click
 
@@ -66,7 +69,16 @@ def train(file: Path, overrides: tuple[str, ...], only: tuple[str, ...], threads
             f"the same command goes on from what is in {folder}" if folder.exists() else "nothing was trained yet"
         ) from None
     for finished in reports:
-        rms = finished.evaluation.get("rms", {}).items()  # a plugin's rule may have other figures
-        errors = ", ".join(f"{port} {[round(value, 3) for value in windows[-1]]}" for port, windows in rms)
-        click.echo(f"phase {finished.index} {' '.join(finished.regions)}: {f'rms error {errors}' if rms else 'done'}")
+        click.echo(f"phase {finished.index} {' '.join(finished.regions)}: {_figures(finished.evaluation) or 'done'}")
     click.echo(f"weights  {folder}")
+
+
+def _figures(evaluation: Mapping[str, Any]) -> str:
+    """Return the figures that the core's rules give; a plugin's rule may have others, and this nothing."""
+    if rms := evaluation.get("rms"):
+        errors = (f"{port} {[round(value, 3) for value in windows[-1]]}" for port, windows in rms.items())
+        return f"rms error {', '.join(errors)}"
+    if held_out := evaluation.get("held_out"):
+        before, after = (fmean(held_out[when]["return"]) for when in ("before", "after"))
+        return f"return {before:.4g} before, {after:.4g} after"
+    return ""

@@ -13,7 +13,7 @@ from neurorobo.bodies import Array
 from neurorobo.engine import Fired, Probe
 from neurorobo.errors import NeuroroboError
 from neurorobo.experiment.recorder import Counts, LayerSpikes, Sample, Sampler
-from neurorobo.graph.brain import Brain
+from neurorobo.graph.brain import Brain, BrainState
 from neurorobo.graph.plan import Edge, Use
 from neurorobo.regions.values import to_numbers
 from neurorobo.tasks.supervised import SupervisedTask
@@ -50,12 +50,14 @@ def run_episodes(
     *,
     duration_ns: int | None = None,
     recorders: Sequence[Sampler] = (),
+    explore: Callable[[Mapping[str, Tensor], BrainState], Mapping[str, Tensor]] = lambda commands, state: commands,
     progress: Callable[[int, int], None] = lambda tick, running: None,
 ) -> list[EpisodeResult]:
     """Run one episode per seed, all in one batch, until each has ended or ``duration_ns`` is over.
 
     Without a task there is no body: the brain runs by itself for ``duration_ns``. ``progress`` is told the tick and
-    how many episodes are still running. What an episode does depends on its seed alone, not on the batch. The body is
+    how many episodes are still running. ``explore`` is given the commands of a tick and the brain's state before it,
+    and returns what to command instead. What an episode does depends on its seed alone, not on the batch. The body is
     stopped at the end, also when that is Ctrl-C or an error.
     """
     if task is None and duration_ns is None:
@@ -78,13 +80,15 @@ def run_episodes(
             # Of episodes that have ended, a sensor may report anything; what the brain makes of it does not matter.
             finite = {name: np.nan_to_num(value, posinf=0.0, neginf=0.0) for name, value in observation.items()}
             numbers = {name: torch.as_tensor(value, dtype=torch.float32) for name, value in finite.items()}
-            commands, state = brain.tick(numbers, state, watch)
+            before = state
+            commands, state = brain.tick(numbers, before, watch)
+            tried = explore(commands, before)
             watch.end()
             given: Mapping[str, Array] = {}
             interventions: Mapping[str, Counts] = {}
             ended = np.zeros(batch, dtype=np.bool_)
             if supervised is not None:
-                wanted = {name: value.numpy().astype(np.float64) for name, value in commands.items()}
+                wanted = {name: value.numpy().astype(np.float64) for name, value in tried.items()}
                 given, ended = supervised.step(wanted, tick_ns, running)
                 interventions = supervised.supervisor.latest
             sample = Sample(

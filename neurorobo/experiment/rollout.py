@@ -11,6 +11,7 @@ from neurorobo.config.experiment import Experiment
 from neurorobo.experiment.build import build_brain, build_task
 from neurorobo.experiment.closed_loop import LARGEST_BATCH, run_episodes
 from neurorobo.experiment.recorder import Sample
+from neurorobo.graph.brain import Brain
 from neurorobo.graph.plan import Plan
 from neurorobo.regions.region import Region
 from neurorobo.regions.values import convert
@@ -49,18 +50,23 @@ class Rollout:
 
     def fingerprint(self) -> str:
         """Return the SHA-256 of all that decides what the region meets, but for the region's own weights."""
-        resolved = self._experiment.resolved()
-        loop = {key: resolved.get(key) for key in ("seed", "time", "body", "task", "episode", "steps", "command")}
-        regions = {name: resolved["regions"][name] for name in self._brain.names}
-        for region in regions.values():
-            region.pop("weights", None)  # what they are matters, not where they came from
-        digest = hashlib.sha256(json.dumps([loop, regions], sort_keys=True).encode())
-        for name in self._brain.names:
-            if name != self._learner:
-                for key, tensor in self._brain.region(name).state_dict().items():
-                    digest.update(f"{name}.{key}".encode())
-                    digest.update(tensor.contiguous().numpy().tobytes())
-        return digest.hexdigest()
+        return loop_fingerprint(self._experiment, self._brain, (self._learner,))
+
+
+def loop_fingerprint(experiment: Experiment, brain: Brain, learners: Collection[str]) -> str:
+    """Return the SHA-256 of all that decides what happens in a closed loop, but for the weights of some regions."""
+    resolved = experiment.resolved()
+    loop = {key: resolved.get(key) for key in ("seed", "time", "body", "task", "episode", "steps", "command")}
+    regions = {name: resolved["regions"][name] for name in brain.names}
+    for region in regions.values():
+        region.pop("weights", None)  # what they are matters, not where they came from
+    digest = hashlib.sha256(json.dumps([loop, regions], sort_keys=True).encode())
+    for name in brain.names:
+        if name not in learners:
+            for key, tensor in brain.region(name).state_dict().items():
+                digest.update(f"{name}.{key}".encode())
+                digest.update(tensor.contiguous().numpy().tobytes())
+    return digest.hexdigest()
 
 
 class _Met:

@@ -53,6 +53,12 @@ def neurorobo_register(registry: Registrar) -> None:
         "learns from a teacher by surrogate gradients",
     )
     registry.add(
+        "rule",
+        "core.ppo",
+        "neurorobo.learning.ppo_config:PpoPhase",
+        "learns from the task's reward in the closed loop",
+    )
+    registry.add(
         "recorder",
         "core.trajectory",
         "neurorobo.experiment.trajectory:TrajectoryRecorder",

@@ -19,6 +19,7 @@ from precision_interaction.reproduce.operations import dense_pJ, spiking_pJ, syn
 from precision_interaction.reproduce.pages.additivity import HOLDS
 from precision_interaction.reproduce.pages.every import pages
 from precision_interaction.reproduce.pages.page import Presentation
+from precision_interaction.reproduce.ppo import SEEDED, Ppo
 from precision_interaction.reproduce.row import Row, Setting
 from precision_interaction.reproduce.store import as_json
 
@@ -209,3 +210,30 @@ def test_learning_notes_what_took_too_long(tmp_path: Path) -> None:
     assert "move 0.354 µm" in presentation.tables[0].lines[1][-1]
     results["cerebellum"] = {"threads": 1, "phases": [{**phase, "seconds": 960.0}]}
     assert present(Learning(), results).misses == ["minutes of the cerebellum is 16, wanted at most 15"]
+
+
+@pytest.fixture(scope="module")
+def fine_tuning() -> Results:
+    return measured(Ppo())
+
+
+def test_the_row_of_ppo_trains_inserts_and_draws(fine_tuning: Results, tmp_path: Path) -> None:
+    shown(Ppo(), fine_tuning, tmp_path)
+    found = fine_tuning[SEEDED[0].name]
+    assert len(found["learning_curve"]) == len(found["seconds"]) == 1
+    assert len(found["held_out"]["before"]["return"]) == 2
+
+
+def test_it_tells_a_seed_that_is_worse_than_the_start(fine_tuning: Results) -> None:
+    worse = copy.deepcopy(fine_tuning)
+    held_out = worse[SEEDED[0].name]["held_out"]
+    held_out["after"] = {name: [2.0 * value for value in values] for name, values in held_out["before"].items()}
+    misses = " ".join(present(Ppo(), worse).misses)
+    for part in ("upper end of the change of the cost", "mean fall of the cost", "largest force, mN is"):
+        assert part in misses
+
+
+def test_slower_costs_an_ideal_controller_more_force_too(fine_tuning: Results) -> None:
+    fast, slow = (fine_tuning[f"ideal, {speed} um/s"] for speed in (100, 30))
+    for part in ("distance_return", "force_return"):
+        assert np.mean(slow[part]) < np.mean(fast[part])

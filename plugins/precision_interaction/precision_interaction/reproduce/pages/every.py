@@ -12,6 +12,7 @@ from precision_interaction.reproduce.pages import (
     hippocampus,
     learning,
     mujoco_rig,
+    ppo,
 )
 from precision_interaction.reproduce.pages.page import Page
 
@@ -27,5 +28,6 @@ def pages() -> Sequence[Page]:
         assembly.PAGE,
         additivity.PAGE,
         learning.PAGE,
+        ppo.PAGE,
         mujoco_rig.PAGE,
     )
