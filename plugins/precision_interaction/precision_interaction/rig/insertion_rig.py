@@ -106,16 +106,25 @@ class InsertionRig(Body):
             )
         if "axial_speed" in commands:
             self._speed_um_s = np.array(commands["axial_speed"][:, 0], dtype=np.float64)
+        stiffness_mN_um = self._stiffness_mN_um()
         increment_mN = self._insert(duration_ns)
         if "radial_move" in commands:
             target_um = _rounded(self.stage_um + commands["radial_move"], config.stage_resolution)
-            increment_mN[:, :2] -= config.stiffness * (target_um - self.stage_um)
+            increment_mN[:, :2] -= stiffness_mN_um * (target_um - self.stage_um)
             self.stage_um = target_um
         self.force_mN = self.force_mN + increment_mN
 
     def stop(self) -> None:
         """Stand still."""
         self._speed_um_s = np.zeros_like(self._speed_um_s)
+
+    def _stiffness_mN_um(self) -> Array:
+        """Return what a radial move of 1 um takes off now, (batch, 1)."""
+        change = self.config.stiffness_change
+        stiffness_mN_um = np.full((len(self.travel_um), 1), self.config.stiffness)
+        if change is not None:
+            stiffness_mN_um[self.travel_um >= change.at] = change.to
+        return stiffness_mN_um
 
     def _insert(self, duration_ns: int) -> Array:
         """Travel on and return the contact force (batch, 3) that this adds."""

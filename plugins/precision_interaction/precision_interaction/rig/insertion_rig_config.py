@@ -105,6 +105,13 @@ ContactConfig = Annotated[
 ]
 
 
+class StiffnessChange(_Options):
+    """Another stiffness from some travel on, as when the peg is held anew or the hole's part comes loose."""
+
+    at: Annotated[float, Unit("um", ge=0)] = Field(description="Axial travel, the gap included, where it changes.")
+    to: Annotated[float, Unit("mN/um", gt=0)] = Field(description="M from there on.")
+
+
 class InsertionRigConfig(BodyConfig):
     """A peg on a radial x-y stage, a hole on an axial elevator, and a force sensor (Table I, Sec. VI-B)."""
 
@@ -120,6 +127,11 @@ class InsertionRigConfig(BodyConfig):
     )
     stiffness: Annotated[float, Unit("mN/um", gt=0)] = Field(
         default=table_one.STIFFNESS_MN_UM, description="M: what a radial move of 1 um takes off the radial force."
+    )
+    stiffness_change: StiffnessChange | None = Field(
+        default=None,
+        exclude_if=lambda change: change is None,
+        description="Another stiffness from some travel on.",
     )
     stage_resolution: Annotated[float, Unit("um", ge=0)] = Field(
         default=table_one.STAGE_RESOLUTION_UM, description="Radial targets are rounded to it; 0 for a continuous one."
