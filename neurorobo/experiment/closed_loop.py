@@ -12,6 +12,7 @@ from torch import Tensor
 from neurorobo.bodies import Array
 from neurorobo.engine import Fired, Probe
 from neurorobo.errors import NeuroroboError
+from neurorobo.experiment.memory import Memory, only_running
 from neurorobo.experiment.recorder import Counts, LayerSpikes, Sample, Sampler
 from neurorobo.graph.brain import Brain
 from neurorobo.graph.plan import Edge, Use
@@ -50,11 +51,13 @@ def run_episodes(
     *,
     duration_ns: int | None = None,
     recorders: Sequence[Sampler] = (),
+    memory: Memory | None = None,
     progress: Callable[[int, int], None] = lambda tick, running: None,
 ) -> list[EpisodeResult]:
     """Run one episode per seed, all in one batch, until each has ended or ``duration_ns`` is over.
 
-    Without a task there is no body: the brain runs by itself for ``duration_ns``. ``progress`` is told the tick and
+    Regions that learn as they run start from what is in the ``memory``, and leave there what they know when their
+    episode ends; without one, they start from their weights alone. Without a task there is no body: the brain runs by itself for ``duration_ns``. ``progress`` is told the tick and
     how many episodes are still running. What an episode does depends on its seed alone, not on the batch. The body is
     stopped at the end, also when that is Ctrl-C or an error.
     """
@@ -66,6 +69,8 @@ def run_episodes(
     supervised = None if task is None else SupervisedTask(task)
     watch = _Watch(batch, bool(recorders), max((recorder.most_neurons for recorder in recorders), default=0))
     state = brain.init_state(seeds)
+    if memory is not None:
+        state = memory.recall(brain, state)
     with torch.inference_mode(), _stopped_at_the_end(task):
         if supervised is not None:
             supervised.reset(seeds, batch)
@@ -78,7 +83,8 @@ def run_episodes(
             # Of episodes that have ended, a sensor may report anything; what the brain makes of it does not matter.
             finite = {name: np.nan_to_num(value, posinf=0.0, neginf=0.0) for name, value in observation.items()}
             numbers = {name: torch.as_tensor(value, dtype=torch.float32) for name, value in finite.items()}
-            commands, state = brain.tick(numbers, state, watch)
+            commands, after = brain.tick(numbers, state, watch)
+            state = after if memory is None else only_running(brain, state, after, running)
             watch.end()
             given: Mapping[str, Array] = {}
             interventions: Mapping[str, Counts] = {}
@@ -102,6 +108,8 @@ def run_episodes(
             for recorder in recorders:
                 recorder.sample(sample)
             running = running & ~ended
+    if memory is not None:
+        memory.keep(brain, state)
     metrics: Sequence[Metrics] = [{} for _ in seeds] if supervised is None else supervised.metrics()
     results = []
     for i, seed in enumerate(seeds):
