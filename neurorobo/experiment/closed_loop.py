@@ -56,10 +56,12 @@ def run_episodes(
 ) -> list[EpisodeResult]:
     """Run one episode per seed, all in one batch, until each has ended or ``duration_ns`` is over.
 
-    Regions that learn as they run start from what is in the ``memory``, and leave there what they know when their
-    episode ends; without one, they start from their weights alone. Without a task there is no body: the brain runs by itself for ``duration_ns``. ``progress`` is told the tick and
+    Without a task there is no body: the brain runs by itself for ``duration_ns``. ``progress`` is told the tick and
     how many episodes are still running. What an episode does depends on its seed alone, not on the batch. The body is
     stopped at the end, also when that is Ctrl-C or an error.
+
+    Regions that learn as they run start from what is in the ``memory``, and leave there what they know when their
+    episode ends; without one, they start from their weights alone, and nothing is left.
     """
     if task is None and duration_ns is None:
         raise ValueError("without a task, the duration must be given")

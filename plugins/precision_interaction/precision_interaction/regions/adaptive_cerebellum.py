@@ -100,10 +100,12 @@ class AdaptiveCerebellum(Cerebellum, Plastic):
 
     def microzones(self) -> Tensor:
         """Return the part b (Purkinje cells, axes) that each Purkinje cell has in the move of each axis."""
-        readout = self.output.projections[0].weight.detach().unflatten(0, (-1, self.config.output_neurons)).sum(1)
-        effect = readout @ self.nuclei.projections[0].weight.detach()  # of a Purkinje cell on each output component
+        layers = (self.output, self.nuclei)
+        readout, inhibition = (layer.get_parameter("projections.0.weight").detach() for layer in layers)
+        by_component = readout.unflatten(0, (-1, self.config.output_neurons)).sum(1)  # type: ignore[no-untyped-call]
+        effect = by_component @ inhibition  # of a Purkinje cell on each output component
         alone = effect.t() @ torch.linalg.pinv(effect @ effect.t(), hermitian=True)
-        moves = alone[:, :AXES]  # the components of the move come first
+        moves: Tensor = alone[:, :AXES]  # the components of the move come first
         return moves / moves.abs().sum(1).max().clamp(min=torch.finfo().tiny)
 
     def _taught(self, error_mN: Tensor, state: State) -> Tensor:
@@ -116,7 +118,8 @@ class AdaptiveCerebellum(Cerebellum, Plastic):
         # In double precision these sums are exact, whatever the order that the batch leads to.
         like_mean = (trace.double() * mean).sum(2) / (mean.double() * mean).sum(2).clamp(min=1)
         pattern = trace - like_mean.float().unsqueeze(2) * mean + self.config.tonic * mean
-        return error_driven(state["synapses"], pattern, felt_mN, self.config.learning_rate).clamp(-1, 1)
+        kept = (1 - self.config.forgetting) * state["synapses"]
+        return error_driven(kept, pattern, felt_mN, self.config.learning_rate).clamp(-1, 1)
 
     def _run_taught(self, inputs: Mapping[str, Tensor], synapses: Tensor, probe: Probe | None) -> dict[str, Tensor]:
         granule = self._before(inputs, wanted=["granule"], probe=probe)[0]["granule"]

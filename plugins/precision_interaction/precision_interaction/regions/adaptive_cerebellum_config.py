@@ -22,16 +22,24 @@ class AdaptiveCerebellumConfig(CerebellumConfig):
     type: Literal["precision.adaptive_cerebellum"] = "precision.adaptive_cerebellum"  # type: ignore[assignment]
     carry: Literal["never", "repeat", "always"] = "always"
     learning_rate: float = Field(
-        default=0.0016,
+        default=0.0024,
         ge=0,
         description="What a plastic synapse changes by, as a share of its weight, for each mN of error and each spike.",
     )
     dead_zone: Annotated[float, Unit("mN", ge=0)] = Field(
         default=4.0, description="Errors count from here on; smaller ones are taken for noise."
     )
-    habituation: int = Field(default=20, ge=1, description="Windows over which a granule cell's mean activity is taken.")
+    habituation: int = Field(
+        default=20, ge=1, description="Windows over which a granule cell's mean activity is taken."
+    )
     tonic: float = Field(
         default=0.01, ge=0, description="Share of the mean activity that counts beside what differs from it."
+    )
+    forgetting: float = Field(
+        default=0.005,
+        ge=0,
+        lt=1,
+        description="Share of what was learned that each lesson takes away, as noise adds up.",
     )
     plastic_weight: float = Field(
         default=0.2,

@@ -62,7 +62,9 @@ class AdaptiveHippocampus(Plastic):
         spikes, after = self._before(inputs, before, ["hidden"], probe)
         hidden = spikes["hidden"]
         by_component = torch.einsum("tbh,bch->tbc", hidden, to_grid(synapses, BITS))
-        current = by_component.repeat_interleave(self.config.output_neurons, dim=2)
+        facilitation = (torch.arange(len(hidden)) + 0.5) * (2 / len(hidden))
+        current = to_grid(by_component * facilitation[:, None, None], BITS)
+        current = current.repeat_interleave(self.config.output_neurons, dim=2)
         output = run_driven(self.output, [hidden], current)
         if probe is not None:
             probe("output", output)

@@ -28,10 +28,12 @@ class AdaptiveHippocampusConfig(HippocampusConfig):
     carry: Literal["never", "repeat", "always"] = "always"
     outer: Literal[True] = True
     learning_rate: float = Field(
-        default=0.1, ge=0, lt=2, description="About the share of an error of the mean that one lesson takes away."
+        default=0.3,
+        ge=0,
+        description="How much one lesson about the mean changes; at 1 about a third of its error is gone.",
     )
     variance_learning_rate: float = Field(
-        default=0.02, ge=0, lt=2, description="So for the variance, of which one period tells less."
+        default=0.06, ge=0, description="So for the variance, of which one period tells less."
     )
 
     def plain(self) -> HippocampusConfig:

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 from precision_interaction.reproduce.pages import (
+    adaptation,
     additivity,
     assembly,
     cerebellum,
@@ -26,4 +27,5 @@ def pages() -> Sequence[Page]:
         assembly.PAGE,
         additivity.PAGE,
         learning.PAGE,
+        adaptation.PAGE,
     )
