@@ -72,7 +72,7 @@ def run_episodes(
     watch = _Watch(batch, bool(recorders), max((recorder.most_neurons for recorder in recorders), default=0))
     state = brain.init_state(seeds)
     if memory is not None:
-        state = memory.recall(brain, state)
+        state = memory.recall(state)
     with torch.inference_mode(), _stopped_at_the_end(task):
         if supervised is not None:
             supervised.reset(seeds, batch)

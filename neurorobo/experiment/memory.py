@@ -21,7 +21,7 @@ class Memory:
 
     learned: Mapping[str, State] = field(default_factory=dict)
 
-    def recall(self, brain: Brain, start: BrainState) -> BrainState:
+    def recall(self, start: BrainState) -> BrainState:
         """Return the state at the start of episodes that know what was learned; a ValueError for more or fewer."""
         for state in self.learned.values():
             if any(len(value) != start.batch for value in state.values()):

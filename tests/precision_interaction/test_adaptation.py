@@ -300,7 +300,7 @@ def test_what_is_learned_survives_a_checkpoint_and_lasts_from_insertion_to_inser
     known = memory.learned["hippocampus"]["synapses"]
     assert known.any() and not torch.equal(known[0], known[1])
 
-    state = memory.recall(brain, brain.init_state([1000, 1001]))
+    state = memory.recall(brain.init_state([1000, 1001]))
     assert torch.equal(state.regions["hippocampus"]["synapses"], known)
     assert not state.regions["hippocampus"]["trace"].any()  # all else starts anew
     sensors = {"force": 2, "stage": 2, "remaining": 1, "travel": 1}

@@ -102,7 +102,7 @@ class AdaptiveCerebellum(Cerebellum, Plastic):
         """Return the part b (Purkinje cells, axes) that each Purkinje cell has in the move of each axis."""
         layers = (self.output, self.nuclei)
         readout, inhibition = (layer.get_parameter("projections.0.weight").detach() for layer in layers)
-        by_component = readout.unflatten(0, (-1, self.config.output_neurons)).sum(1)  # type: ignore[no-untyped-call]
+        by_component = readout.unflatten(0, (-1, self.config.output_neurons)).sum(1)
         effect = by_component @ inhibition  # of a Purkinje cell on each output component
         alone = effect.t() @ torch.linalg.pinv(effect @ effect.t(), hermitian=True)
         moves: Tensor = alone[:, :AXES]  # the components of the move come first

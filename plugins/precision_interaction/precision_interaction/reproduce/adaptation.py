@@ -52,12 +52,16 @@ class Stretch:
 
 @dataclass(frozen=True)
 class Session:
-    """Stretches in a row, with one memory; ``taught`` trains the hippocampus on the true law first."""
+    """Stretches in a row, with one memory; ``taught`` trains the hippocampus on the true law first.
+
+    What does not learn needs no row: ``number`` is the number of its first insertion, counted from 0.
+    """
 
     file: str
     stretches: tuple[Stretch, ...]
     changes: tuple[str, ...] = ()
     taught: bool = False
+    number: int = 0
 
 
 def _compensator(stiffness_mN_um: float) -> str:
@@ -67,12 +71,13 @@ def _compensator(stiffness_mN_um: float) -> str:
     )
 
 
+INSERTIONS = 10
 SESSIONS = {
-    "paper rig, learning": Session("peg_in_hole_adaptive", (Stretch(10), Stretch(3, (PRIOR_LAW,)), Stretch(3))),
-    "paper rig, as shipped": Session("peg_in_hole", (Stretch(10), Stretch(3, (PRIOR_LAW,)))),
-    "paper rig, trained on its law": Session("peg_in_hole", (Stretch(10),), taught=True),
-    "fine rig, learning": Session("peg_in_hole_fast_adaptive", (Stretch(1, (STIFFER,)), Stretch(3)), (TWENTY_HZ,)),
+    "fine rig, learning": Session("peg_in_hole_fast_adaptive", (Stretch(1, (STIFFER,)), Stretch(1)), (TWENTY_HZ,)),
     "fine rig, as shipped": Session("peg_in_hole_fast", (Stretch(1, (STIFFER,)), Stretch(1)), (TWENTY_HZ,)),
+    "paper rig, learning": Session("peg_in_hole_adaptive", (Stretch(INSERTIONS), Stretch(2, (PRIOR_LAW,)), Stretch(1))),
+    "paper rig, as shipped": Session("peg_in_hole", (Stretch(1), Stretch(2, (PRIOR_LAW,))), number=INSERTIONS - 1),
+    "paper rig, trained on its law": Session("peg_in_hole", (Stretch(1),), taught=True, number=INSERTIONS - 1),
     "fine rig, ideal": Session("peg_in_hole_teachers", (Stretch(1, (STIFFER,)),), (*IDEAL, _compensator(SOFT_MN_UM))),
     "fine rig, ideal, told": Session(
         "peg_in_hole_teachers",
@@ -176,7 +181,7 @@ def _run(session: Session, changes: Sequence[str], setting: Setting) -> Result:
     around: list[list[float]] = []
     for first in range(0, sessions, LARGEST_BATCH):
         batch = range(first, min(first + LARGEST_BATCH, sessions))
-        memory, number = Memory(), 0
+        memory, number = Memory(), session.number
         for stretch, (experiment, brain, task), results in zip(session.stretches, rigs, found, strict=True):
             for result in results:
                 forces = Forces(RunSetting(Path(), experiment.name, brain.plan, batch, task))

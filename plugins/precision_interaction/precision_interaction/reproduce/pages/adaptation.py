@@ -71,19 +71,20 @@ def present(results: Mapping[str, Result], setting: Setting) -> Presentation:
 
 
 def _law(results: Mapping[str, Result]) -> Table:
-    lines = []
-    for number in range(len(results[LEARNING]["stretches"][0])):
-        row = [results[name]["stretches"][0][number] for name in (LEARNING, SHIPPED, TAUGHT)]
-        lines.append([f"{number + 1}", *(with_interval(found["mean_force_mN"]) for found in row)])
-    _, prior, again = results[LEARNING]["stretches"]
-    for number, (found, plain) in enumerate(zip(prior, results[SHIPPED]["stretches"][1], strict=True), start=1):
-        forces = (with_interval(each["mean_force_mN"]) for each in (found, plain))
-        lines.append([f"{number} on a rig of the proportional law", *forces, "-"])
-    lines += [[f"{i} back again", with_interval(found["mean_force_mN"]), "-", "-"] for i, found in enumerate(again, 1)]
+    (plain,), plain_prior = results[SHIPPED]["stretches"]
+    (taught,) = results[TAUGHT]["stretches"][0]
+    measured, prior, again = results[LEARNING]["stretches"]
+    beside = [("-", "-")] * (len(measured) - 1) + [(_force(plain), _force(taught))]
+    lines = [
+        [f"{i}", _force(found), *others] for i, (found, others) in enumerate(zip(measured, beside, strict=True), 1)
+    ]
+    for i, (found, other) in enumerate(zip(prior, plain_prior, strict=True), len(lines) + 1):
+        lines.append([f"{i}, on a rig of the proportional law", _force(found), _force(other), "-"])
+    lines += [[f"{i}, back again", _force(found), "-", "-"] for i, found in enumerate(again, len(lines) + 1)]
     return Table(
         ("insertion", "learning", "as shipped", "trained on the rig's law"),
         lines,
-        "Mean force in mN on the paper rig; then what was forgotten.",
+        "Mean force in mN on the paper rig, and what is forgotten.",
     )
 
 
@@ -92,7 +93,7 @@ def _change(results: Mapping[str, Result], ratios: Mapping[str, NDArray[np.float
     for name, label in CHANGED.items():
         former = np.array(results[name]["around"])[:, :PERIODS_BEFORE].mean(1)
         after = [f"{ratio:.2f}" for ratio in ratios[name][PERIODS_BEFORE:]]
-        back = [with_interval(found["mean_force_mN"]) for found in _insertions(results[name])[1:]]
+        back = [_force(found) for found in _insertions(results[name])[1:]]
         lines.append([label, with_interval(former, 2), *after, ", ".join(back) or "-"])
     told = np.array(results[TOLD]["around"]).mean(1)
     after = [""] * (len(lines[0]) - 4)
@@ -100,7 +101,7 @@ def _change(results: Mapping[str, Result], ratios: Mapping[str, NDArray[np.float
     lines.append(["ideal, told", f"{ideal:.2f}", f"{told.mean() / ideal:.2f}", *after, "-"])
     seconds = [f"second {i + 1}" for i in range(len(ratios["fine rig, learning"]) - PERIODS_BEFORE)]
     return Table(
-        ("fine rig", "before, mN", *seconds, "further insertions at 80 mN/µm, mN"),
+        ("fine rig", "before, mN", *seconds, "next insertion, at 80 mN/µm, mN"),
         lines,
         "Mean force before the change, and after it as a share of that. Told is the analytic controller that knows the "
         "stiffness of 120 mN/µm from the start, as a share of the same at 80 mN/µm: what there is to gain.",
@@ -121,6 +122,10 @@ def _insertions(result: Result) -> list[Mapping[str, list[float]]]:
     return [insertion for stretch in result["stretches"] for insertion in stretch]
 
 
+def _force(insertion: Mapping[str, Sequence[float]]) -> str:
+    return with_interval(insertion["mean_force_mN"])
+
+
 def _mean(insertion: Mapping[str, Sequence[float]]) -> float:
     return float(np.mean(insertion["mean_force_mN"]))
 
@@ -133,12 +138,12 @@ def _ratios(around: Sequence[Sequence[float]]) -> NDArray[np.float64]:
 def _drawing_of_insertions(results: Mapping[str, Result]) -> Callable[["Figure"], None]:
     def draw(figure: "Figure") -> None:
         panel = figure.subplots()
-        for name in (SHIPPED, LEARNING, TAUGHT):
-            forces = np.array([found["mean_force_mN"] for found in results[name]["stretches"][0]])
-            error = 1.96 * forces.std(1, ddof=1) / np.sqrt(forces.shape[1])
-            panel.errorbar(
-                np.arange(1, len(forces) + 1), forces.mean(1), error, marker="o", label=name.partition(", ")[2]
-            )
+        forces = np.array([found["mean_force_mN"] for found in results[LEARNING]["stretches"][0]])
+        error = 1.96 * forces.std(1, ddof=1) / np.sqrt(forces.shape[1])
+        panel.errorbar(np.arange(1, len(forces) + 1), forces.mean(1), error, marker="o", label="learning")
+        for name, color in ((SHIPPED, "C1"), (TAUGHT, "C2")):
+            force = _mean(results[name]["stretches"][0][0])
+            panel.axhline(force, color=color, linestyle="--", label=name.partition(", ")[2])
         panel.set(xlabel="insertion", ylabel="mean force, mN")
         panel.legend()
 
