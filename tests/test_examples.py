@@ -65,3 +65,15 @@ def test_the_same_seed_gives_the_same_result_twice(tmp_path: Path) -> None:
     first = run(tmp_path, "peg_in_hole.yaml", "--seed", "1003", "--set", "record=[]")
     (tmp_path / "run").rename(tmp_path / "before")
     assert run(tmp_path, "peg_in_hole.yaml", "--seed", "1003", "--set", "record=[]")["episodes"] == first["episodes"]
+
+
+def test_episodes_in_a_row_go_on_from_what_was_learned(tmp_path: Path) -> None:
+    """The first of two is the same as alone; the second is not the one that starts from the weights."""
+    options = ("--set", "record=[]", "--set", "body.length=300 um", "--set", "regions.gap.length=300 um")
+    found = []
+    for row in ((), ("--in-a-row",)):
+        where = tmp_path / str(len(row))
+        summary = run(where, "peg_in_hole_adaptive.yaml", "--seed", "1000", "--episodes", "2", *row, *options)
+        found.append([episode["mean_force_mN"] for episode in summary["episodes"]])  # type: ignore[attr-defined]
+    assert found[0][0] == found[1][0]
+    assert found[0][1] != found[1][1]

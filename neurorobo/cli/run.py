@@ -20,6 +20,11 @@ from neurorobo.cli.options import file_argument, json_option, out_option, overri
     type=click.IntRange(1),
     help="How many episodes, with consecutive seeds.",
 )
+@click.option(
+    "--in-a-row",
+    is_flag=True,
+    help="Run the episodes one after the other; what a region learns in one, it knows in the next.",
+)
 @out_option
 @json_option
 @click.pass_context
@@ -29,6 +34,7 @@ def run(
     overrides: tuple[str, ...],
     seed: int | None,
     episodes: int,
+    in_a_row: bool,
     out: Path | None,
     as_json: bool,
 ) -> None:
@@ -51,7 +57,9 @@ def run(
     first = experiment.seed if seed is None else seed
     with RunProgress() as progress:
         seeds = range(first, first + episodes)
-        finished = run_experiment(experiment, registry, seeds, out, command=typed(), progress=progress)
+        finished = run_experiment(
+            experiment, registry, seeds, out, in_a_row=in_a_row, command=typed(), progress=progress
+        )
     if as_json:
         click.echo(json.dumps({"folder": str(finished.folder.path), **finished.summary}, indent=2))
     else:

@@ -12,6 +12,7 @@ from torch import Tensor
 from neurorobo.bodies import Array
 from neurorobo.engine import Fired, Probe
 from neurorobo.errors import NeuroroboError
+from neurorobo.experiment.memory import Memory, only_running
 from neurorobo.experiment.recorder import Counts, LayerSpikes, Sample, Sampler
 from neurorobo.graph.brain import Brain, BrainState
 from neurorobo.graph.plan import Edge, Use
@@ -51,6 +52,7 @@ def run_episodes(
     duration_ns: int | None = None,
     recorders: Sequence[Sampler] = (),
     explore: Callable[[Mapping[str, Tensor], BrainState], Mapping[str, Tensor]] = lambda commands, state: commands,
+    memory: Memory | None = None,
     progress: Callable[[int, int], None] = lambda tick, running: None,
 ) -> list[EpisodeResult]:
     """Run one episode per seed, all in one batch, until each has ended or ``duration_ns`` is over.
@@ -59,6 +61,9 @@ def run_episodes(
     how many episodes are still running. ``explore`` is given the commands of a tick and the brain's state before it,
     and returns what to command instead. What an episode does depends on its seed alone, not on the batch. The body is
     stopped at the end, also when that is Ctrl-C or an error.
+
+    Regions that learn as they run start from what is in the ``memory``, and leave there what they know when their
+    episode ends; without one, they start from their weights alone, and nothing is left.
     """
     if task is None and duration_ns is None:
         raise ValueError("without a task, the duration must be given")
@@ -68,6 +73,8 @@ def run_episodes(
     supervised = None if task is None else SupervisedTask(task)
     watch = _Watch(batch, bool(recorders), max((recorder.most_neurons for recorder in recorders), default=0))
     state = brain.init_state(seeds)
+    if memory is not None:
+        state = memory.recall(state)
     with torch.inference_mode(), _stopped_at_the_end(task):
         if supervised is not None:
             supervised.reset(seeds, batch)
@@ -81,8 +88,9 @@ def run_episodes(
             finite = {name: np.nan_to_num(value, posinf=0.0, neginf=0.0) for name, value in observation.items()}
             numbers = {name: torch.as_tensor(value, dtype=torch.float32) for name, value in finite.items()}
             before = state
-            commands, state = brain.tick(numbers, before, watch)
+            commands, after = brain.tick(numbers, before, watch)
             tried = explore(commands, before)
+            state = after if memory is None else only_running(brain, before, after, running)
             watch.end()
             given: Mapping[str, Array] = {}
             interventions: Mapping[str, Counts] = {}
@@ -106,6 +114,8 @@ def run_episodes(
             for recorder in recorders:
                 recorder.sample(sample)
             running = running & ~ended
+    if memory is not None:
+        memory.keep(brain, state)
     metrics: Sequence[Metrics] = [{} for _ in seeds] if supervised is None else supervised.metrics()
     results = []
     for i, seed in enumerate(seeds):

@@ -13,6 +13,7 @@ from neurorobo.engine import engine_path
 from neurorobo.errors import NeuroroboError
 from neurorobo.experiment.build import build_brain, build_task, untrained
 from neurorobo.experiment.closed_loop import LARGEST_BATCH, run_episodes
+from neurorobo.experiment.memory import Memory
 from neurorobo.experiment.plan import build_plan
 from neurorobo.experiment.recorder import Recorder, Setting
 from neurorobo.experiment.run_folder import RunFolder, new_folder_path
@@ -41,12 +42,15 @@ def run_experiment(
     seeds: Sequence[int],
     out: Path | None = None,
     *,
+    in_a_row: bool = False,
     record: Sequence[str] | None = None,
     command: str | None = None,
     progress: Callable[[int, int], None] = lambda tick, running: None,
 ) -> FinishedRun:
     """Run one episode per seed and write a run folder.
 
+    Episodes run side by side and know nothing of one another; ``in_a_row``, one follows the other, and regions that
+    learn as they run go on from what they have learned.
     ``record`` replaces the recorders that the file names; ``command`` is what was typed, for ``run.json``;
     ``progress`` is told each tick and how many still run. An interrupted run keeps what was recorded, and the
     KeyboardInterrupt says where; its ``run.json`` says ``interrupted``. Raises ConfigError for what cannot be built,
@@ -76,14 +80,16 @@ def run_experiment(
         for recorder_type in recorder_types:
             recorders.append(recorder_type(setting))
         results = []
-        for start in range(0, len(seeds), LARGEST_BATCH):
-            batch = seeds[start : start + LARGEST_BATCH]
+        memory, at_once = (Memory(), 1) if in_a_row else (None, LARGEST_BATCH)
+        for start in range(0, len(seeds), at_once):
+            batch = seeds[start : start + at_once]
             results += run_episodes(
                 brain,
                 task,
                 batch,
                 duration_ns=None if experiment.episode is None else experiment.episode.duration,
                 recorders=[r for r in recorders if start == 0 or not r.most_neurons],
+                memory=memory,
                 progress=progress,
             )
         summary = summarise(results, frozenset() if task is None else task.higher_is_better)

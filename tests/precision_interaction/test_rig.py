@@ -50,6 +50,24 @@ def test_a_radial_move_lowers_the_force_by_stiffness_times_the_rounded_move() ->
     np.testing.assert_allclose(body.stage_um, [[1.0, 0.0]])
 
 
+def test_the_stiffness_changes_where_it_is_to_and_for_each_rig_by_itself() -> None:
+    body = rig((0, 1), gap="2000 um", stiffness_change={"at": "40 um", "to": "120 mN/um"})
+    for speeds, change_mN in (((30.0, 50.0), (-80.0, -80.0)), ((0.0, 0.0), (-80.0, -120.0))):
+        before_mN = body.force_mN[:, 0].copy()
+        moves = {"axial_speed": np.array(speeds)[:, None], "radial_move": np.array([[1.0, 0.0]] * 2)}
+        body.advance(moves, SECOND_NS)
+        np.testing.assert_allclose(body.force_mN[:, 0] - before_mN, change_mN)
+
+
+def test_a_change_that_is_never_reached_changes_nothing() -> None:
+    plain, late = rig(range(3)), rig(range(3), stiffness_change={"at": "2000 um", "to": "1 mN/um"})
+    for body in (plain, late):
+        for _ in range(5):
+            body.advance(command(body, 60.0, (0.3, 0.6)), SECOND_NS)
+    np.testing.assert_array_equal(plain.force_mN, late.force_mN)
+    assert "stiffness_change" not in plain.config.model_dump()
+
+
 def test_sensors_report_in_their_counts_and_saturate() -> None:
     body = rig(stage_resolution="0.1 um", force_range="-50..50 mN")
     body.advance(command(body, 12.34, (0.4, 1.0)), SECOND_NS)

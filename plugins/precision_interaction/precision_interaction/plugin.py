@@ -23,6 +23,21 @@ def neurorobo_register(registry: Registrar) -> None:
             "regions.prefrontal_cortex_config:PrefrontalCortexConfig",
             "plans the axial speed; a block-based spiking network",
         ),
+        (
+            "adaptive_hippocampus",
+            "regions.adaptive_hippocampus_config:AdaptiveHippocampusConfig",
+            "the hippocampus, which re-estimates the contact from what is felt",
+        ),
+        (
+            "adaptive_cerebellum",
+            "regions.adaptive_cerebellum_config:AdaptiveCerebellumConfig",
+            "the cerebellum, which learns from the force that it leaves",
+        ),
+        (
+            "comparator",
+            "regions.comparator_config:ComparatorConfig",
+            "feels the contact, and tells in what it differs from the one expected",
+        ),
         ("law", "teachers.contact_expectation_config:ContactLawConfig", "teacher of the hippocampus: the contact law"),
         (
             "identified_law",

@@ -49,8 +49,16 @@ class InsertionRig(InsertionBody):
         noise = np.array([generator.standard_normal(3) for generator in self._generators]).reshape(-1, 3)
         increment_mN = self._contact.increment_mN(self._inserted_um, inserted_um, depth_um, noise)
         self._inserted_um = np.where(self._ends_move(duration_ns), 0.0, inserted_um)
-        increment_mN[:, :2] -= self.config.stiffness * (stage_um - self.stage_um)
+        increment_mN[:, :2] -= self._stiffness_mN_um() * (stage_um - self.stage_um)
         return np.asarray(self.force_mN + increment_mN)
+
+    def _stiffness_mN_um(self) -> Array:
+        """Return what a radial move of 1 um takes off now, (batch, 1)."""
+        change = self.config.stiffness_change
+        stiffness_mN_um = np.full((len(self.travel_um), 1), self.config.stiffness)
+        if change is not None:
+            stiffness_mN_um[self.travel_um >= change.at] = change.to
+        return stiffness_mN_um
 
 
 def build_contact(config: InsertionRigConfig) -> Contact:

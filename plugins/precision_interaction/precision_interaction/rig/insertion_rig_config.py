@@ -103,6 +103,13 @@ ContactConfig = Annotated[
 ]
 
 
+class StiffnessChange(_Options):
+    """Another stiffness from some travel on, as when the peg is held anew or the hole's part comes loose."""
+
+    at: Annotated[float, Unit("um", ge=0)] = Field(description="Axial travel, the gap included, where it changes.")
+    to: Annotated[float, Unit("mN/um", gt=0)] = Field(description="M from there on.")
+
+
 class InsertionRigConfig(InsertionBodyConfig):
     """The insertion body whose contact force is drawn from a law (Eq. 1-2)."""
 
@@ -112,4 +119,9 @@ class InsertionRigConfig(InsertionBodyConfig):
     contact: ContactConfig = MeasuredContactConfig()
     stiffness: Annotated[float, Unit("mN/um", gt=0)] = Field(
         default=table_one.STIFFNESS_MN_UM, description="M: what a radial move of 1 um takes off the radial force."
+    )
+    stiffness_change: StiffnessChange | None = Field(
+        default=None,
+        exclude_if=lambda change: change is None,
+        description="Another stiffness from some travel on.",
     )

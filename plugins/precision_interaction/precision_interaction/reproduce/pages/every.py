@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 from precision_interaction.reproduce.pages import (
+    adaptation,
     additivity,
     assembly,
     cerebellum,
@@ -30,4 +31,5 @@ def pages() -> Sequence[Page]:
         learning.PAGE,
         ppo.PAGE,
         mujoco_rig.PAGE,
+        adaptation.PAGE,
     )

@@ -1,0 +1,15 @@
+"""Regions that learn while they run."""
+
+from typing import ClassVar
+
+from neurorobo.regions.region import Region
+
+
+class Plastic(Region):
+    """A region whose synapses change as it runs.
+
+    The changes are part of its state, of every member of a batch its own; the parameters stay as they were trained.
+    ``learned`` names those parts of the state that outlive an episode where episodes follow one another.
+    """
+
+    learned: ClassVar[tuple[str, ...]]
