@@ -50,7 +50,7 @@ def test_everything_is_shown_and_drawn(measured: dict[str, Any], tmp_path: Path)
 def test_what_is_missed_is_noted(measured: dict[str, Any]) -> None:
     good = copy.deepcopy(measured)
     good[IDENTIFICATION]["contact"] = good[IDENTIFICATION]["in_the_file"]
-    good[TRAINED] = good[TEACHERS_RUN]
+    good[TRAINED] = dict(good[TEACHERS_RUN])
     assert PAGE.present(good, SETTING).misses == []
     for cell, key, value, miss in (
         (IDENTIFICATION, "contact", {"law": "other"}, "not what is identified"),
