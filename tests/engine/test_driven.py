@@ -4,8 +4,8 @@ import pytest
 import torch
 
 from neurorobo.engine import Layer
-from neurorobo.engine.driven import run_driven
 from neurorobo.neurons import LIF
+from neurorobo.regions.driven import run_driven
 from neurorobo.regions.weights import to_grid
 from neurorobo.synapses import Dense, FanIn
 from tests.engine.paths import engine, needs_native

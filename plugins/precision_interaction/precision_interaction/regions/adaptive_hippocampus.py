@@ -8,7 +8,7 @@ from torch import Tensor
 
 from neurorobo.clock import Clock
 from neurorobo.engine import Circuit
-from neurorobo.engine.driven import run_driven
+from neurorobo.regions.driven import run_driven
 from neurorobo.regions.plastic import Plastic
 from neurorobo.regions.region import Probe, State
 from neurorobo.regions.weights import to_grid
