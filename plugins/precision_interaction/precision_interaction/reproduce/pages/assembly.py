@@ -84,6 +84,6 @@ PAGE = Page(
     Assembly(),
     title="Assembly by the brain and by two other methods",
     paper="Fig. 11-13, Table I",
-    minutes=5,
+    minutes=1,
     present=present,
 )

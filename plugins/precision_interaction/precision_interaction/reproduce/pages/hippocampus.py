@@ -300,6 +300,6 @@ PAGE = Page(
     Fig5(),
     title="Five networks expect the contact",
     paper="Fig. 5",
-    minutes=40,
+    minutes=30,
     present=present,
 )

@@ -129,6 +129,6 @@ PAGE = Page(
     MujocoInsertion(),
     title="A rig whose contact MuJoCo solves",
     paper="Beyond the paper",
-    minutes=6,
+    minutes=3,
     present=present,
 )
