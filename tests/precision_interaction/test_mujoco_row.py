@@ -12,6 +12,8 @@ from precision_interaction.reproduce.pages.mujoco_rig import PAGE
 from precision_interaction.reproduce.row import Setting
 from precision_interaction.reproduce.store import as_json
 
+from tests.precision_interaction.shown import shown
+
 SETTING = Setting(Path(__file__).parents[2] / "examples", quick=True)
 
 pytestmark = pytest.mark.skipif(find_spec("mujoco") is None, reason="the extra `mujoco` is not installed")
@@ -36,15 +38,7 @@ def test_the_teachers_and_the_shipped_brain_insert_and_the_rig_is_as_stiff_as_th
 
 
 def test_everything_is_shown_and_drawn(measured: dict[str, Any], tmp_path: Path) -> None:
-    presentation = PAGE.present(measured, SETTING)
-    for table in presentation.tables:
-        assert all(len(line) == len(table.heads) for line in table.lines)
-    pytest.importorskip("matplotlib")
-    from precision_interaction.reproduce.pages.plotting import save
-
-    for picture in presentation.pictures:
-        for file in save(picture, tmp_path):
-            assert file.stat().st_size > 1000
+    shown(PAGE, measured, SETTING, tmp_path)
 
 
 def test_what_is_missed_is_noted(measured: dict[str, Any]) -> None:

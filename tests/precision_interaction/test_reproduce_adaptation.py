@@ -4,12 +4,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pytest
 from precision_interaction.reproduce.adaptation import METRICS, SESSIONS, STIFFER, TIMED, Adaptation
 from precision_interaction.reproduce.pages.adaptation import PAGE
-from precision_interaction.reproduce.pages.page import Presentation
 from precision_interaction.reproduce.row import Setting
 from precision_interaction.reproduce.store import as_json
+
+from tests.precision_interaction.shown import shown
 
 SETTING = Setting(Path(__file__).parents[2] / "examples", quick=True)
 
@@ -30,23 +30,10 @@ def measured() -> dict[str, Any]:
     return results
 
 
-def shown(results: dict[str, Any], folder: Path) -> Presentation:
-    presentation = PAGE.present(results, SETTING)
-    for table in presentation.tables:
-        assert all(len(line) == len(table.heads) for line in table.lines)
-    pytest.importorskip("matplotlib")
-    from precision_interaction.reproduce.pages.plotting import save
-
-    for picture in presentation.pictures:
-        for file in save(picture, folder):
-            assert file.stat().st_size > 1000
-    return presentation
-
-
 def test_it_shows_what_is_missed(tmp_path: Path) -> None:
     results = measured()
     assert set(results) == set(Adaptation().cells(SETTING))
-    assert shown(results, tmp_path).misses == []
+    assert shown(PAGE, results, SETTING, tmp_path).misses == []
     results["paper rig, learning"]["stretches"][0][-1]["mean_force_mN"] = [1.2, 1.2, 1.2]
     results["fine rig, learning"]["around"][0][9] = 3.0
     results["fine rig, as shipped"]["stretches"][0][0]["success"][1] = 0.0

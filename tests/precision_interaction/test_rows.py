@@ -18,7 +18,7 @@ from precision_interaction.reproduce.learning import Learning
 from precision_interaction.reproduce.operations import dense_pJ, spiking_pJ, synapses
 from precision_interaction.reproduce.pages.additivity import HOLDS
 from precision_interaction.reproduce.pages.every import pages
-from precision_interaction.reproduce.pages.page import Presentation
+from precision_interaction.reproduce.pages.page import Page, Presentation
 from precision_interaction.reproduce.ppo import SEEDED, Ppo
 from precision_interaction.reproduce.row import Row, Setting
 from precision_interaction.reproduce.store import as_json
@@ -26,6 +26,7 @@ from precision_interaction.reproduce.store import as_json
 from neurorobo.engine import Circuit, Layer
 from neurorobo.neurons import LIF
 from neurorobo.synapses import Dense, FanIn
+from tests.precision_interaction.shown import shown as shown_by
 
 SETTING = Setting(Path(__file__).parents[2] / "examples", quick=True)
 Results = dict[str, dict[str, Any]]
@@ -35,24 +36,17 @@ def measured(row: Row) -> Results:
     return {cell: dict(as_json(row.measure(cell, SETTING))) for cell in row.cells(SETTING)}
 
 
-def present(row: Row, results: Mapping[str, Any]) -> Presentation:
+def page_of(row: Row) -> Page:
     [page] = [page for page in pages() if isinstance(row, type(page.row))]
-    return page.present(results, SETTING)
+    return page
+
+
+def present(row: Row, results: Mapping[str, Any]) -> Presentation:
+    return page_of(row).present(results, SETTING)
 
 
 def shown(row: Row, results: Mapping[str, Any], tmp_path: Path) -> Presentation:
-    """Present, check the tables, and draw if there is something to draw with."""
-    presentation = present(row, results)
-    for table in presentation.tables:
-        assert table.lines
-        assert all(len(line) == len(table.heads) for line in table.lines)
-    pytest.importorskip("matplotlib")
-    from precision_interaction.reproduce.pages.plotting import save
-
-    for picture in presentation.pictures:
-        for file in save(picture, tmp_path):
-            assert file.stat().st_size > 1000
-    return presentation
+    return shown_by(page_of(row), results, SETTING, tmp_path)
 
 
 def test_they_are_registered() -> None:
