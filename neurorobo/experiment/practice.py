@@ -16,7 +16,7 @@ from neurorobo.experiment.recorder import Sample
 from neurorobo.experiment.rollout import loop_fingerprint
 from neurorobo.graph.brain import Brain, BrainState
 from neurorobo.graph.plan import Plan, Use
-from neurorobo.learning.experience import Experience, Performance, Row, Windows
+from neurorobo.learning.experience import Experience, Met, Performance, Windows
 from neurorobo.learning.ppo_config import acting_use
 from neurorobo.regions.region import Region
 from neurorobo.tasks.task import Task
@@ -106,7 +106,7 @@ class _Notes:
         acting = (acting_use(edge, brain.plan) for edge in self._edges.values())
         self._uses = {use.name: use for use in acting if use is not None}
         self._now: tuple[Mapping[str, Tensor], BrainState]
-        self._rows: list[Row] = []
+        self._ticks: list[Met] = []
         self._windows: dict[str, list[Windows]] = {name: [] for name in self._uses}
 
     def explore(self, commands: Mapping[str, Tensor], state: BrainState) -> Mapping[str, Tensor]:
@@ -127,8 +127,8 @@ class _Notes:
         silence = {name: torch.zeros(len(sample.seeds), edge.reader_port.width) for name, edge in self._edges.items()}
         running = torch.from_numpy(sample.running.copy())
         tick_s = self._brain.plan.clock.tick_ns * 1e-9
-        self._rows.append(
-            Row(
+        self._ticks.append(
+            Met(
                 observation=_observed(sample.observation, sample.time_s),
                 following=_observed(self._task.body.read(), sample.time_s + tick_s),
                 reward=torch.from_numpy(np.where(sample.running, self._task.reward(), 0.0)).float(),
@@ -158,7 +158,7 @@ class _Notes:
 
     def experience(self, rate: float) -> Experience:
         """Return what was kept; ``rate`` is the firing rate of the regions that learn."""
-        return Experience.of(self._rows, self._windows, rate)
+        return Experience.of(self._ticks, self._windows, rate)
 
 
 def _observed(observation: Mapping[str, Array], time_s: float) -> Tensor:

@@ -41,8 +41,14 @@ class Windows:
 
 
 @dataclass(frozen=True)
-class Row:
-    """One tick of episodes side by side, (episodes, ...): see :class:`Experience`."""
+class Met:
+    """What episodes side by side met, did and gained: in one tick (episodes, ...), or in all (ticks, episodes, ...).
+
+    ``observation`` is what was observed before a tick, ``following`` after it (..., width). Episodes that ended early
+    are ``running`` (bool) no more; ``truncated`` (bool) marks the tick at which the time limit ended one, whose future
+    the critic is to estimate. ``command`` is what was tried and ``mean`` what the brain said (..., components), of
+    those components that are ``due`` (0 or 1).
+    """
 
     observation: Tensor
     following: Tensor
@@ -55,37 +61,26 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Experience:
-    """Episodes side by side, (ticks, episodes, ...); those that ended early are ``running`` (bool) no more.
+class Experience(Met):
+    """What was met in all ticks of episodes, (ticks, episodes, ...).
 
-    ``observation`` is what was observed before each tick, ``following`` after it (..., width). ``truncated`` (bool)
-    marks the tick at which the time limit ended an episode, whose future the critic is to estimate. ``command`` is what
-    was tried and ``mean`` what the brain said, (..., components), of those components that are ``due`` (0 or 1).
     ``windows`` holds those of each step that commands, in order of time. ``rate`` is the firing rate of the regions
     that learn.
     """
 
-    observation: Tensor
-    following: Tensor
-    reward: Tensor
-    running: Tensor
-    truncated: Tensor
-    command: Tensor
-    mean: Tensor
-    due: Tensor
     windows: Mapping[str, Windows]
     rate: float
 
     @classmethod
-    def of(cls, rows: Sequence[Row], windows: Mapping[str, Sequence[Windows]], rate: float) -> "Experience":
+    def of(cls, ticks: Sequence[Met], windows: Mapping[str, Sequence[Windows]], rate: float) -> "Experience":
         """Return what the ticks of one batch of episodes make up."""
-        columns = {field.name: torch.stack([getattr(row, field.name) for row in rows]) for field in fields(Row)}
+        columns = {field.name: torch.stack([getattr(tick, field.name) for tick in ticks]) for field in fields(Met)}
         return cls(**columns, windows={name: Windows.joined(each) for name, each in windows.items()}, rate=rate)
 
     @classmethod
     def joined(cls, parts: Sequence["Experience"]) -> "Experience":
         """Return the episodes of several batches side by side."""
-        columns = {field.name: _side_by_side([getattr(part, field.name) for part in parts]) for field in fields(Row)}
+        columns = {field.name: _side_by_side([getattr(part, field.name) for part in parts]) for field in fields(Met)}
         firsts = [0, *accumulate(part.running.shape[1] for part in parts)]
         windows = {
             name: Windows.joined(

@@ -28,8 +28,11 @@ _FALL: Mapping[str, Callable[[float], float]] = {
 
 
 def _as_text(value: object) -> object:
-    """Let a dimensionless error be written as a number; one with a unit is text."""
     return str(value) if isinstance(value, int | float) and not isinstance(value, bool) else value
+
+
+QuantityText = Annotated[str, BeforeValidator(_as_text)]
+"""A quantity whose unit only the graph tells: text such as `0.1 um`; without a unit, a number will do."""
 
 
 class DataConfig(BaseModel):
@@ -190,7 +193,7 @@ class SupervisePhase(RegionPhase):
     phase: Literal["supervise"] = "supervise"
     teacher: str | dict[str, Any] = Field(description="A region with numeric ports, which gives the desired outputs.")
     data: str | dict[str, Any] = Field(description="Where the inputs of both come from.")
-    loss: dict[str, Annotated[str, BeforeValidator(_as_text)]] = Field(
+    loss: dict[str, QuantityText] = Field(
         min_length=1, description="The outputs that are taught, each with the error that counts as one: {move: 0.1 um}."
     )
     train: tuple[str, ...] | None = Field(default=None, description="The parameter groups to train; all if left out.")

@@ -1,6 +1,6 @@
 """Proximal policy optimisation: regions learn from the task's reward, through their spikes."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
@@ -17,7 +17,8 @@ from neurorobo.learning.critic import Critic
 from neurorobo.learning.experience import Experience, Practice, advantages
 from neurorobo.learning.on_policy import SEEDS
 from neurorobo.learning.ppo_config import PpoPhase
-from neurorobo.learning.supervise import Progress, _by_fan_in
+from neurorobo.learning.supervise import Progress
+from neurorobo.learning.trainable import adam, only_learning, set_learning_rate
 from neurorobo.regions.region import Region, constrain
 from neurorobo.regions.weights_file import signature_hash
 
@@ -42,7 +43,8 @@ def ppo(
     regions, and NeuroroboError if a checkpoint does not, or cannot be written.
     """
     phase.check_parameters({name: region.parameter_groups() for name, region in regions.items()})
-    with _trainable(regions, phase) as parameters:
+    parameters = _chosen(regions, phase)
+    with only_learning(regions.values(), parameters.values()), _as_in_use(regions.values()):
         actor = Actor(regions, rollout.plan, phase.deviations(rollout.plan))
         critic = Critic(rollout.observed, phase.critic, generator)
         learner = Learner(actor, critic, parameters, phase, generator)
@@ -136,14 +138,13 @@ class Learner:
         self.critic = critic
         self.phase = phase
         self.generator = generator
-        self.optimiser = torch.optim.Adam(_by_fan_in(parameters.values()), betas=(0.9, 0.99), fused=True)
+        self.optimiser = adam(parameters.values())
         self.critic_optimiser = torch.optim.Adam(critic.parameters(), lr=phase.critic.learning_rate, fused=True)
 
     def learn(self, experience: Experience, done: float) -> Figures:
         """Learn from the episodes of one iteration; ``done`` is the share of the phase that is over."""
         phase, actor = self.phase, self.actor
-        for group in self.optimiser.param_groups:
-            group["lr"] = phase.learning_rate * (1.0 - done) * group["scale"]
+        set_learning_rate(self.optimiser, phase.learning_rate * (1.0 - done))
         ticks, episodes = experience.running.nonzero(as_tuple=True)
         with torch.no_grad():
             value, following = self.critic(experience.observation), self.critic(experience.following)
@@ -285,30 +286,24 @@ def _load(parameters: Parameters, weights: Mapping[str, Tensor]) -> None:
         parameter.copy_(weights[name])
 
 
-@contextmanager
-def _trainable(regions: Mapping[str, Region], phase: PpoPhase) -> Iterator[Parameters]:
-    """Let gradients flow into the parameters that the phase trains, and into no others; yield them by name.
-
-    The regions learn as they act: no part of them behaves as in training, if there were one that does.
-    """
-    wanted: dict[str, nn.Parameter] = {}
+def _chosen(regions: Mapping[str, Region], phase: PpoPhase) -> dict[str, nn.Parameter]:
+    """Return the parameters that the phase trains, by region and name."""
+    chosen: dict[str, nn.Parameter] = {}
     for name, region in regions.items():
         groups = region.parameter_groups()
-        chosen = {id(parameter) for group in phase.regions[name] for parameter in groups[group].parameters()}
-        wanted |= {f"{name}.{key}": each for key, each in region.named_parameters() if id(each) in chosen}
-    every = [parameter for region in regions.values() for parameter in region.parameters()]
-    before = [parameter.requires_grad for parameter in every]
-    ids = {id(parameter) for parameter in wanted.values()}
-    modes = {name: region.training for name, region in regions.items()}
+        wanted = {id(parameter) for group in phase.regions[name] for parameter in groups[group].parameters()}
+        chosen |= {f"{name}.{key}": each for key, each in region.named_parameters() if id(each) in wanted}
+    return chosen
+
+
+@contextmanager
+def _as_in_use(regions: Collection[Region]) -> Iterator[None]:
+    """Let regions learn as they act: no part of them behaves as in training, if there were one that does."""
+    modes = [(region, region.training) for region in regions]
     try:
-        for region in regions.values():
+        for region, _ in modes:
             region.eval()
-        for parameter in every:
-            parameter.requires_grad_(id(parameter) in ids)
-        yield wanted
+        yield
     finally:
-        for name, region in regions.items():
-            region.train(modes[name])
-        for parameter, required in zip(every, before, strict=True):
-            parameter.requires_grad_(required)
-            parameter.grad = None
+        for region, mode in modes:
+            region.train(mode)

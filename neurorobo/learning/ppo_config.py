@@ -1,13 +1,13 @@
 """The configuration of learning by proximal policy optimisation (PPO); imports no torch."""
 
 from collections.abc import Collection, Iterator, Mapping
-from typing import Annotated, ClassVar, Literal
+from typing import ClassVar, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field
 
 from neurorobo.errors import ConfigError, Fault, did_you_mean
 from neurorobo.graph.plan import Edge, Plan, Repeat, Use
-from neurorobo.learning.phase import Phase, Surroundings, _as_text
+from neurorobo.learning.phase import Phase, QuantityText, Surroundings
 from neurorobo.seeds import LARGEST_SEED
 from neurorobo.units import UnitError, parse_quantity
 
@@ -67,7 +67,7 @@ class PpoPhase(Phase):
     regions: dict[str, tuple[str, ...]] = Field(
         min_length=1, description="The regions that learn, each with the parameter groups to train."
     )
-    explore: dict[str, Annotated[str, BeforeValidator(_as_text)]] = Field(
+    explore: dict[str, QuantityText] = Field(
         min_length=1,
         description="The commands that are varied, each with the standard deviation: {axial_speed: 2 um/s}.",
     )

@@ -2,7 +2,7 @@
 
 import signal
 import threading
-from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
@@ -15,6 +15,7 @@ from neurorobo.learning.checkpoint import Checkpoints
 from neurorobo.learning.evaluate import Data, Rates, SideBySide
 from neurorobo.learning.on_policy import OnPolicyData, Rollout
 from neurorobo.learning.phase import SupervisePhase
+from neurorobo.learning.trainable import adam, only_learning, set_learning_rate
 from neurorobo.regions.region import Region, constrain
 from neurorobo.regions.weights_file import signature_hash
 
@@ -59,13 +60,17 @@ def supervise(
         if rollout is None:
             raise ValueError("a phase with `on_policy` needs a rollout")
         data = visits = OnPolicyData(data, rollout, phase.on_policy, region.input_ports)
-    with _trainable(region, phase) as parameters, _deferred_interrupt() as interrupted, _products(phase.precision):
-        optimiser = torch.optim.Adam(_by_fan_in(parameters.values()), betas=(0.9, 0.99), fused=True)
+    parameters = _chosen(region, phase)
+    with (
+        only_learning([region], parameters.values()),
+        _deferred_interrupt() as interrupted,
+        _products(phase.precision),
+    ):
+        optimiser = adam(parameters.values())
         state = _State(region, phase, parameters, optimiser, generator, visits)
         first = 0 if checkpoints is None else state.resume(checkpoints)
         for step in range(first, phase.steps):
-            for group in optimiser.param_groups:
-                group["lr"] = phase.learning_rate_at(step) * group["scale"]
+            set_learning_rate(optimiser, phase.learning_rate_at(step))
             rates = Rates()
             with _products("float32"):  # what a region meets by itself is what it will meet when it runs
                 values = data.draw(phase.batch, generator)
@@ -148,30 +153,16 @@ def _loss(errors: Mapping[str, Tensor], unit_errors: Mapping[str, float], discou
     return (squares.mean(0) * discount ** torch.arange(squares.shape[1])).sum()
 
 
-def _by_fan_in(parameters: Iterable[nn.Parameter]) -> list[dict[str, Any]]:
-    """Return Adam's groups: each parameter is to move in proportion to what it was drawn from, 1/sqrt(fan-in)."""
-    return [{"params": [parameter], "scale": parameter.shape[-1] ** -0.5} for parameter in parameters]
-
-
-@contextmanager
-def _trainable(region: Region, phase: SupervisePhase) -> Iterator[dict[str, nn.Parameter]]:
-    """Let gradients flow into the parameters that the phase trains, and into no others; yield them by name."""
+def _chosen(region: Region, phase: SupervisePhase) -> dict[str, nn.Parameter]:
+    """Return the parameters that the phase trains, by name."""
     groups = region.parameter_groups()
     phase.check_groups(groups)
-    chosen = groups if phase.train is None else phase.train
-    wanted = {id(p) for name in chosen for p in groups[name].parameters()}
+    names = groups if phase.train is None else phase.train
+    wanted = {id(p) for name in names for p in groups[name].parameters()}
     wanted -= {id(p) for name in phase.freeze for p in groups[name].parameters()}
     if not wanted:
         raise NeuroroboError(f"the phase freezes all it would train; there are: {', '.join(groups)}")
-    before = {name: parameter.requires_grad for name, parameter in region.named_parameters()}
-    try:
-        for parameter in region.parameters():
-            parameter.requires_grad_(id(parameter) in wanted)
-        yield {name: parameter for name, parameter in region.named_parameters() if parameter.requires_grad}
-    finally:
-        for name, parameter in region.named_parameters():
-            parameter.requires_grad_(before[name])
-            parameter.grad = None
+    return {name: parameter for name, parameter in region.named_parameters() if id(parameter) in wanted}
 
 
 @contextmanager

@@ -111,7 +111,8 @@ class AdaptiveCerebellum(Cerebellum, Plastic):
     def _taught(self, error_mN: Tensor, state: State) -> Tensor:
         """Return the synapses, changed by what the climbing fibres tell of the window before."""
         felt_mN = error_mN.sign() * (error_mN.abs() - self.config.dead_zone).clamp(min=0)
-        if not felt_mN.any():
+        told = felt_mN.any(1)
+        if not told.any():
             return state["synapses"]
         cells = self.plastic_cells()
         trace, mean = (torch.where(cells, state[name].unsqueeze(1), 0.0) for name in ("trace", "mean"))
@@ -119,7 +120,8 @@ class AdaptiveCerebellum(Cerebellum, Plastic):
         like_mean = (trace.double() * mean).sum(2) / (mean.double() * mean).sum(2).clamp(min=1)
         pattern = trace - like_mean.float().unsqueeze(2) * mean + self.config.tonic * mean
         kept = (1 - self.config.forgetting) * state["synapses"]
-        return error_driven(kept, pattern, felt_mN, self.config.learning_rate).clamp(-1, 1)
+        changed = error_driven(kept, pattern, felt_mN, self.config.learning_rate).clamp(-1, 1)
+        return torch.where(told[:, None, None], changed, state["synapses"])
 
     def _run_taught(self, inputs: Mapping[str, Tensor], synapses: Tensor, probe: Probe | None) -> dict[str, Tensor]:
         granule = self._before(inputs, wanted=["granule"], probe=probe)[0]["granule"]
