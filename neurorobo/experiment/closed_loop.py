@@ -29,6 +29,12 @@ The spikes of many more would not stay in the cache, and each of them would take
 """
 
 
+def in_batches(seeds: Sequence[int], most: int = LARGEST_BATCH) -> Iterator[Sequence[int]]:
+    """Yield the seeds of the episodes to run side by side, in order."""
+    for start in range(0, len(seeds), most):
+        yield seeds[start : start + most]
+
+
 @dataclass(frozen=True)
 class EpisodeResult:
     """One episode: its seed, the task's metrics, and the mean firing rate of each region.

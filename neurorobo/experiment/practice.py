@@ -10,8 +10,9 @@ from torch import Tensor
 
 from neurorobo.bodies import Array
 from neurorobo.config.experiment import Experiment
+from neurorobo.errors import NeuroroboError
 from neurorobo.experiment.build import build_brain, build_task
-from neurorobo.experiment.closed_loop import LARGEST_BATCH, run_episodes
+from neurorobo.experiment.closed_loop import in_batches, run_episodes
 from neurorobo.experiment.recorder import Sample
 from neurorobo.experiment.rollout import loop_fingerprint
 from neurorobo.graph.brain import Brain, BrainState
@@ -19,7 +20,7 @@ from neurorobo.graph.plan import Plan, Use
 from neurorobo.learning.experience import Experience, Met, Performance, Windows
 from neurorobo.learning.ppo_config import acting_use
 from neurorobo.regions.region import Region
-from neurorobo.tasks.task import Task
+from neurorobo.tasks.task import Flags, Task
 
 EXPLORING = 2**32
 """Added to the seed of an episode for what it explores, so that this does not hang together with its other noise."""
@@ -51,7 +52,7 @@ class Practice:
         """
         self.brain.eval()
         parts = []
-        for batch in _batches(seeds):
+        for batch in in_batches(seeds):
             notes = _Notes(self.brain, self._task, deviations, batch)
             results = run_episodes(self.brain, self._task, batch, recorders=[notes], explore=notes.explore)
             rates = [result.firing_rates.get(name, 0.0) for result in results for name in self._learners]
@@ -63,7 +64,7 @@ class Practice:
         self.brain.eval()
         returns: list[float] = []
         metrics: list[Mapping[str, float]] = []
-        for batch in _batches(seeds):
+        for batch in in_batches(seeds):
             rewards = _Rewards(self._task)
             results = run_episodes(self.brain, self._task, batch, recorders=[rewards])
             returns += rewards.sum.tolist()
@@ -75,8 +76,13 @@ class Practice:
         return loop_fingerprint(self._experiment, self.brain, self._learners)
 
 
-def _batches(seeds: Sequence[int]) -> list[Sequence[int]]:
-    return [seeds[start : start + LARGEST_BATCH] for start in range(0, len(seeds), LARGEST_BATCH)]
+def _reward(task: Task[Any], running: Flags) -> Array:
+    """Return the reward (batch) of the last motion, 0 for episodes that have ended; a NeuroroboError for no number."""
+    reward = np.where(running, task.reward(), 0.0)
+    if not np.isfinite(reward).all():
+        given = reward[~np.isfinite(reward)][0]
+        raise NeuroroboError(f"{type(task).__name__} gives a reward of {given}, of which nothing can be learned")
+    return reward
 
 
 @dataclass
@@ -89,7 +95,7 @@ class _Rewards:
 
     def sample(self, sample: Sample) -> None:
         """Take the reward of a tick."""
-        self.sum = self.sum + np.where(sample.running, self.task.reward(), 0.0)
+        self.sum = self.sum + _reward(self.task, sample.running)
 
 
 class _Notes:
@@ -131,9 +137,9 @@ class _Notes:
             Met(
                 observation=_observed(sample.observation, sample.time_s),
                 following=_observed(self._task.body.read(), sample.time_s + tick_s),
-                reward=torch.from_numpy(np.where(sample.running, self._task.reward(), 0.0)).float(),
+                reward=torch.from_numpy(_reward(self._task, sample.running)).float(),
                 running=running,
-                truncated=torch.from_numpy(sample.running & self._task.truncated()),
+                truncated=torch.from_numpy(sample.running & self._task.truncated() & ~self._task.terminated()),
                 command=torch.cat([tried.get(name, nothing) for name, nothing in silence.items()], dim=1),
                 mean=torch.cat([said.get(name, nothing) for name, nothing in silence.items()], dim=1),
                 due=torch.cat([torch.full_like(nothing, name in said) for name, nothing in silence.items()], dim=1),

@@ -9,7 +9,7 @@ from torch import Tensor
 
 from neurorobo.config.experiment import Experiment
 from neurorobo.experiment.build import build_brain, build_task
-from neurorobo.experiment.closed_loop import LARGEST_BATCH, run_episodes
+from neurorobo.experiment.closed_loop import in_batches, run_episodes
 from neurorobo.experiment.recorder import Sample
 from neurorobo.graph.brain import Brain
 from neurorobo.graph.plan import Plan
@@ -41,8 +41,7 @@ class Rollout:
         learning = region.training
         self._brain.eval()
         try:
-            for start in range(0, len(seeds), LARGEST_BATCH):
-                batch = seeds[start : start + LARGEST_BATCH]
+            for batch in in_batches(seeds):
                 run_episodes(self._brain, self._task, batch, duration_ns=duration_ns, recorders=[met])
         finally:
             region.train(learning)

@@ -12,7 +12,7 @@ from neurorobo.config.experiment import Experiment
 from neurorobo.engine import engine_path
 from neurorobo.errors import NeuroroboError
 from neurorobo.experiment.build import build_brain, build_task, untrained
-from neurorobo.experiment.closed_loop import LARGEST_BATCH, run_episodes
+from neurorobo.experiment.closed_loop import LARGEST_BATCH, EpisodeResult, in_batches, run_episodes
 from neurorobo.experiment.memory import Memory
 from neurorobo.experiment.plan import build_plan
 from neurorobo.experiment.recorder import Recorder, Setting
@@ -79,16 +79,15 @@ def run_experiment(
         setting = Setting(path, experiment.name, plan, seeds, task)
         for recorder_type in recorder_types:
             recorders.append(recorder_type(setting))
-        results = []
+        results: list[EpisodeResult] = []
         memory, at_once = (Memory(), 1) if in_a_row else (None, LARGEST_BATCH)
-        for start in range(0, len(seeds), at_once):
-            batch = seeds[start : start + at_once]
+        for batch in in_batches(seeds, at_once):
             results += run_episodes(
                 brain,
                 task,
                 batch,
                 duration_ns=None if experiment.episode is None else experiment.episode.duration,
-                recorders=[r for r in recorders if start == 0 or not r.most_neurons],
+                recorders=[r for r in recorders if not results or not r.most_neurons],
                 memory=memory,
                 progress=progress,
             )

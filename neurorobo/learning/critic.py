@@ -52,7 +52,7 @@ class Critic(nn.Module):
 
 
 def _linear(sources: int, targets: int, gain: float, generator: torch.Generator) -> nn.Linear:
-    layer = nn.Linear(sources, targets)
+    layer = nn.Linear(sources, targets, device="meta").to_empty(device="cpu")  # drawing nothing by itself
     nn.init.orthogonal_(layer.weight, gain, generator=generator)
     nn.init.zeros_(layer.bias)
     return layer

@@ -91,7 +91,8 @@ class Experience(Met):
             )
             for name in parts[0].windows
         }
-        return cls(**columns, windows=windows, rate=sum(part.rate for part in parts) / len(parts))
+        rate = sum(part.rate * part.running.shape[1] for part in parts) / firsts[-1]
+        return cls(**columns, windows=windows, rate=rate)
 
     @property
     def mean_return(self) -> float:

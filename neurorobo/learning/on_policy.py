@@ -10,9 +10,7 @@ from neurorobo.errors import NeuroroboError, did_you_mean
 from neurorobo.learning.evaluate import Data, numbers
 from neurorobo.learning.phase import OnPolicy
 from neurorobo.regions.port import Port
-
-SEEDS = (1_000_000, 2**31)
-"""The seeds of the episodes, first and end: none of those with which people count."""
+from neurorobo.seeds import TRAINING_SEEDS
 
 
 class Rollout(Protocol):
@@ -48,7 +46,7 @@ class OnPolicyData:
         """
         settings = self._settings
         if self._drawn % settings.every == 0:
-            seeds = torch.randint(*SEEDS, (settings.episodes,), generator=generator).tolist()
+            seeds = torch.randint(*TRAINING_SEEDS, (settings.episodes,), generator=generator).tolist()
             self._keep([*self._visits, self._rollout(seeds)][-settings.keep :])
         self._drawn += 1
         count = settings.count(batch)

@@ -15,12 +15,12 @@ from neurorobo.learning.actor import Actor, log_probability
 from neurorobo.learning.checkpoint import Checkpoints
 from neurorobo.learning.critic import Critic
 from neurorobo.learning.experience import Experience, Practice, advantages
-from neurorobo.learning.on_policy import SEEDS
 from neurorobo.learning.ppo_config import PpoPhase
 from neurorobo.learning.supervise import Progress
 from neurorobo.learning.trainable import adam, only_learning, set_learning_rate
 from neurorobo.regions.region import Region, constrain
 from neurorobo.regions.weights_file import signature_hash
+from neurorobo.seeds import TRAINING_SEEDS
 
 Parameters = Mapping[str, nn.Parameter]
 
@@ -80,7 +80,7 @@ def _iterate(rollout: Practice, learner: "Learner", state: "_State", done: int) 
     phase = learner.phase
     if done == 0:
         state.validate(0)
-    seeds = torch.randint(*SEEDS, (phase.episodes,), generator=learner.generator).tolist()
+    seeds = torch.randint(*TRAINING_SEEDS, (phase.episodes,), generator=learner.generator).tolist()
     experience = rollout.explore(seeds, learner.actor.deviations)
     if done == 0:
         learner.critic.scale_to(*experience.returns(phase.discount))
@@ -254,7 +254,10 @@ class _State:
                     if moments := _under(f"{prefix}.{name}", tensors):
                         optimiser.state[parameter] = moments
             learner.generator.set_state(tensors["generator"])
-            self.curve, self.validations = tensors["curve"].tolist(), tensors["validations"].tolist()
+            self.curve, self.validations = (
+                tensors["curve"].tolist(),
+                [[int(count), mean] for count, mean in tensors["validations"].tolist()],
+            )
         except (KeyError, TypeError, RuntimeError) as error:
             raise NeuroroboError(
                 f"{checkpoints.file} is not a checkpoint of these regions ({error}); remove it to start afresh"
@@ -292,6 +295,8 @@ def _chosen(regions: Mapping[str, Region], phase: PpoPhase) -> dict[str, nn.Para
     for name, region in regions.items():
         groups = region.parameter_groups()
         wanted = {id(parameter) for group in phase.regions[name] for parameter in groups[group].parameters()}
+        if not wanted:
+            raise NeuroroboError(f"there is nothing to train in {', '.join(phase.regions[name])} of `{name}`")
         chosen |= {f"{name}.{key}": each for key, each in region.named_parameters() if id(each) in wanted}
     return chosen
 

@@ -1,14 +1,14 @@
 """The configuration of learning by proximal policy optimisation (PPO); imports no torch."""
 
 from collections.abc import Collection, Iterator, Mapping
-from typing import ClassVar, Literal
+from typing import Annotated, ClassVar, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from neurorobo.errors import ConfigError, Fault, did_you_mean
 from neurorobo.graph.plan import Edge, Plan, Repeat, Use
 from neurorobo.learning.phase import Phase, QuantityText, Surroundings
-from neurorobo.seeds import LARGEST_SEED
+from neurorobo.seeds import TRAINING_SEEDS
 from neurorobo.units import UnitError, parse_quantity
 
 
@@ -19,15 +19,21 @@ class _Strict(BaseModel):
 class CriticConfig(_Strict):
     """The critic: a network of plain numbers that reads the sensors and the time since the start of the episode."""
 
-    hidden: tuple[int, ...] = Field(default=(64, 64), description="Units of each hidden layer.")
+    hidden: tuple[Annotated[int, Field(ge=1)], ...] = Field(default=(64, 64), description="Units of each hidden layer.")
     learning_rate: float = Field(default=1e-3, gt=0)
 
 
 class Episodes(_Strict):
     """Episodes of consecutive seeds, in which nothing is explored."""
 
-    first_seed: int = Field(ge=0, le=LARGEST_SEED)
+    first_seed: int = Field(ge=0)
     episodes: int = Field(ge=1)
+
+    @model_validator(mode="after")
+    def _before_those_of_training(self) -> Self:
+        if self.seeds.stop > TRAINING_SEEDS[0]:
+            raise ValueError(f"seeds from {TRAINING_SEEDS[0]} on are those of training; the last is {self.seeds[-1]}")
+        return self
 
     @property
     def seeds(self) -> range:
@@ -38,7 +44,7 @@ class Episodes(_Strict):
 class Validation(Episodes):
     """The episodes by which the best weights are chosen, and how often that is done."""
 
-    first_seed: int = Field(default=1000, ge=0, le=LARGEST_SEED)
+    first_seed: int = Field(default=1000, ge=0)
     episodes: int = Field(default=48, ge=1)
     every: int = Field(default=4, ge=1, description="Iterations from one validation to the next.")
 
@@ -46,7 +52,7 @@ class Validation(Episodes):
 class HeldOut(Episodes):
     """The episodes that only report how good the weights are, before and after."""
 
-    first_seed: int = Field(default=0, ge=0, le=LARGEST_SEED)
+    first_seed: int = Field(default=0, ge=0)
     episodes: int = Field(default=100, ge=1)
 
 
@@ -90,6 +96,13 @@ class PpoPhase(Phase):
     critic: CriticConfig = CriticConfig()
     validation: Validation = Validation()
     held_out: HeldOut = HeldOut()
+
+    @model_validator(mode="after")
+    def _held_out_from_the_choice(self) -> Self:
+        chosen_on, held_out = self.validation.seeds, self.held_out.seeds
+        if chosen_on.start < held_out.stop and held_out.start < chosen_on.stop:
+            raise ValueError("the seeds of `held_out` and `validation` overlap, on which weights are chosen")
+        return self
 
     @property
     def pupils(self) -> Mapping[str, tuple[str | int, ...]]:

@@ -24,7 +24,8 @@ from neurorobo.regions.weights_file import signature_hash
 class Progress:
     """Where a phase is: steps done of all, and the last one's loss, rms error of each output and mean firing rate.
 
-    Errors are in the unit of the port, over the batch, all components and all windows.
+    Errors are in the unit of the port, over the batch, all components and all windows. A phase that learns from a
+    reward tells instead what it gains.
     """
 
     done: int
@@ -130,8 +131,9 @@ class _State:
         try:
             self.region.load_state_dict(_below("region.", tensors))
             for name, parameter in self.parameters.items():
-                moments = {key: tensors[f"adam.{key}.{name}"] for key in ("step", "exp_avg", "exp_avg_sq")}
-                self.optimiser.state[parameter] = moments
+                if f"adam.step.{name}" in tensors:  # not if the loss does not depend on it
+                    moments = {key: tensors[f"adam.{key}.{name}"] for key in ("step", "exp_avg", "exp_avg_sq")}
+                    self.optimiser.state[parameter] = moments
             self.generator.set_state(tensors["generator"])
             if self.visits is not None:
                 self.visits.restore(_below("visits.", tensors), done)

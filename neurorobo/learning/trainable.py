@@ -25,7 +25,10 @@ def only_learning(regions: Collection[Region], parameters: Iterable[nn.Parameter
 
 
 def adam(parameters: Iterable[nn.Parameter]) -> torch.optim.Adam:
-    """Return Adam: each parameter is to move in proportion to what it was drawn from, 1/sqrt(fan-in)."""
+    """Return Adam, whose steps are as large as 1/sqrt(fan-in), of which weights are drawn.
+
+    Of thresholds, one per neuron, they are as large as 1/sqrt(neurons).
+    """
     groups = [{"params": [parameter], "scale": parameter.shape[-1] ** -0.5} for parameter in parameters]
     return torch.optim.Adam(groups, betas=(0.9, 0.99), fused=True)
 

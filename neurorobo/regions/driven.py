@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 from torch import Tensor
 
+from neurorobo.engine.checked import check_spikes
 from neurorobo.engine.events import Population, is_native, run_events
 from neurorobo.engine.kernels import kernels
 from neurorobo.engine.layer import Layer
@@ -17,8 +18,8 @@ def run_driven(layer: Layer, inputs: Sequence[Tensor], current: Tensor) -> Tenso
 
     ``inputs`` are the spikes (steps, batch, sources) of each projection; ``current`` (steps, batch, neurons) is given
     away: it may be overwritten. Returns the spikes (steps, batch, neurons). Both paths of the engine give the same ones
-    if weights and current are multiples of one power of two. Raises a ValueError as :class:`Layer` does, and for
-    other neurons or synapses among them.
+    if weights and current are multiples of one power of two. Raises a ValueError for other neurons, for synapses among
+    them, for weights of other shapes than the layer's, and for spikes that are neither 0 nor 1.
     """
     neuron = layer.neuron
     if type(neuron) is not LIF or layer.recurrent is not None:
@@ -35,5 +36,6 @@ def run_driven(layer: Layer, inputs: Sequence[Tensor], current: Tensor) -> Tenso
         weights = [projection.weight for projection in projections]
         return run_events(native, population, inputs, weights, rest, layer.threshold, None, current)[0]
     for projection, spikes in zip(layer.projections, inputs, strict=True):
+        check_spikes(spikes)
         current = current + projection(spikes)
     return run_window(current, rest, neuron, layer.threshold)[0]

@@ -9,7 +9,8 @@ class Plastic(Region):
     """A region whose synapses change as it runs.
 
     The changes are part of its state, of every member of a batch its own; the parameters stay as they were trained.
-    ``learned`` names those parts of the state that outlive an episode where episodes follow one another.
+    ``learned`` names those parts of the state that outlive an episode where episodes follow one another. It carries
+    its state always: nothing would be learned otherwise.
     """
 
     learned: ClassVar[tuple[str, ...]]

@@ -53,6 +53,12 @@ def test_both_paths_give_the_same_spikes() -> None:
     assert found[0].any() and torch.equal(*found)
 
 
+@pytest.mark.usefixtures("path")
+def test_what_is_no_spike_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"0\.5"):
+        run_driven(layer(Dense), [0.5 * spikes(0)], torch.zeros(12, 3, 20))
+
+
 def test_a_layer_with_synapses_among_its_neurons_is_refused() -> None:
     generator = torch.Generator()
     recurrent = Layer([Dense(30, 20, generator)], LIF(), recurrent=Dense(20, 20, generator))

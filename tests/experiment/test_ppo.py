@@ -16,7 +16,7 @@ from torch import Tensor
 from neurorobo.clock import Clock
 from neurorobo.codes import PopulationUniform
 from neurorobo.config.experiment import Experiment, load_experiment
-from neurorobo.errors import ConfigError
+from neurorobo.errors import ConfigError, NeuroroboError
 from neurorobo.experiment.build import build_brain, build_task
 from neurorobo.experiment.closed_loop import run_episodes
 from neurorobo.experiment.lessons import read_lessons
@@ -31,6 +31,7 @@ from neurorobo.regions import Port
 from neurorobo.regions.region import Probe, State
 from tests.experiment import toys
 from tests.regions.toys import Net, NetConfig
+from tests.tasks.toys import Reach
 
 HERE = "tests.experiment.test_ppo"
 
@@ -230,7 +231,7 @@ def test_an_interrupted_phase_ends_with_the_very_same_weights_and_figures(
         train(tmp_path / "broken", text)
     assert iterations_done(tmp_path / "broken") == 2
     broken = train(tmp_path / "broken", text)
-    assert broken.evaluation == straight.evaluation
+    assert json.dumps(broken.evaluation) == json.dumps(straight.evaluation)
     files = [tmp_path / name / "out" / "phase0_pilot.safetensors" for name in ("straight", "broken")]
     tensors = [load_file(file) for file in files]
     assert all(torch.equal(tensors[0][name], tensors[1][name]) for name in tensors[0])
@@ -257,6 +258,21 @@ def test_an_interrupted_phase_ends_with_the_very_same_weights_and_figures(
             "train.0.regions.pilot: `pilot` carries its state through 2 steps",
         ),
         ("iterations: 8", "iterations: 0", "train.0.iterations: must be greater than or equal to 1"),
+        (
+            "held_out: {episodes: 8}",
+            "held_out: {first_seed: 1007, episodes: 8}",
+            "train.0: the seeds of `held_out`",
+        ),
+        (
+            "every: 2}",
+            "every: 2, first_seed: 999993}",
+            "train.0.validation: seeds from 1000000 on are those of training",
+        ),
+        (
+            "iterations: 8",
+            "iterations: 8, critic: {hidden: [-1]}",
+            "train.0.critic.hidden.0: must be greater",
+        ),
     ],
 )
 def test_what_cannot_be_learned_is_told_before_anything_is_built(
@@ -284,3 +300,31 @@ def test_a_loop_without_a_body_has_no_reward_to_learn_from(tmp_path: Path) -> No
     )
     with pytest.raises(ConfigError, match=r"train.0.phase: needs a `body` and a `task`, whose reward it learns from"):
         read_lessons(load(tmp_path, text), types())
+
+
+def test_an_iteration_ends_when_the_policy_has_gone_far_enough(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first step of learning finds the policy where it was; the second one would be too far from there."""
+    learned: list[Tensor] = []
+    plain = torch.optim.Adam.step
+
+    def counted(self: torch.optim.Adam, closure: Any = None) -> Any:
+        learned.append(torch.zeros(()))
+        return plain(self, closure)
+
+    monkeypatch.setattr(torch.optim.Adam, "step", counted)
+    report = train(tmp_path, FILE.replace("iterations: 8", "iterations: 2, target_kl: 1e-12"))
+    assert len(learned) == 2 * 2  # actor and critic, in each iteration
+    assert all(kl > 1.5e-12 for kl in report.evaluation["kl"])
+
+
+def test_a_reward_that_is_no_number_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Reach, "reward", lambda self: np.full(len(self.terminated()), np.nan))
+    with pytest.raises(NeuroroboError, match="Reach gives a reward of nan, of which nothing can be learned"):
+        practice(tmp_path).explore([1], DEVIATIONS)
+    with pytest.raises(NeuroroboError, match="Reach gives a reward of nan"):
+        practice(tmp_path).perform([1])
+
+
+def test_what_ends_by_itself_when_time_is_up_has_no_future(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Reach, "truncated", lambda self: self.terminated())
+    assert not practice(tmp_path).explore(range(8), DEVIATIONS).truncated.any()

@@ -8,9 +8,10 @@ import torch
 from torch import Tensor
 
 from neurorobo.errors import NeuroroboError
-from neurorobo.learning.on_policy import SEEDS, OnPolicyData
+from neurorobo.learning.on_policy import OnPolicyData
 from neurorobo.learning.phase import OnPolicy
 from neurorobo.regions.port import Port
+from neurorobo.seeds import TRAINING_SEEDS
 
 PORTS = {"x": Port("mN", 2), "before": Port("um", initial=(7.0,))}
 
@@ -69,7 +70,7 @@ def test_every_so_many_draws_it_acts_again_and_forgets_the_oldest() -> None:
     assert set.union(*seen) == {1, 2, 3, 4, 5, 6}
     seeds = [seed for seeds in visits.seeds for seed in seeds]
     assert len(set(seeds)) == 24
-    assert min(seeds) >= SEEDS[0] > 99
+    assert min(seeds) >= TRAINING_SEEDS[0] > 99
 
 
 def test_what_was_met_can_be_trained_through() -> None:

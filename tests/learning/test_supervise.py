@@ -153,6 +153,22 @@ def test_an_interrupted_phase_ends_with_the_very_same_weights(tmp_path: Path) ->
     assert list(checkpoints.file.parent.iterdir()) == [checkpoints.file]  # for the caller to remove
 
 
+def test_weights_that_the_loss_does_not_depend_on_stay_as_they_are_and_prevent_no_resuming(tmp_path: Path) -> None:
+    class Idle(Spiking):
+        def __init__(self) -> None:
+            super().__init__(SpikingConfig(), CLOCK, torch.Generator().manual_seed(1))
+            self.idle = Layer([Dense(40, 3, torch.Generator().manual_seed(1))], LIF())
+
+    checkpoints = Checkpoints(tmp_path / "phase.safetensors")
+    with pytest.raises(KeyboardInterrupt):
+        train(Idle(), phase(steps=6), report=interrupt_at(3), checkpoints=checkpoints)
+    straight, broken = Idle(), Idle()
+    train(straight, phase(steps=6))
+    train(broken, phase(steps=6), checkpoints=checkpoints)
+    assert not changed(weights(straight), weights(broken))
+    assert changed(weights(straight), weights(Idle())) == {"hidden", "output"}
+
+
 def test_noise_on_the_weights_acts_while_gradients_are_taken_and_leaves_no_trace(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

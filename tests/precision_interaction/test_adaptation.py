@@ -165,7 +165,7 @@ def test_members_of_a_batch_learn_each_its_own() -> None:
     alone = [region.init_state(1) for _ in range(3)]
     with torch.inference_mode():
         for seed in range(4):
-            inputs = spikes(region, felt(3, error_mN, seed))
+            inputs = spikes(region, felt(3, error_mN.roll(seed, 0), seed))  # each feels nothing now and then
             outputs, together = region.step(inputs, together)
             for i in range(3):
                 own = {n: v[:, i : i + 1] if v.dim() == 3 else v[i : i + 1] for n, v in inputs.items()}
@@ -173,7 +173,16 @@ def test_members_of_a_batch_learn_each_its_own() -> None:
                 assert torch.equal(outputs["move"][:, i : i + 1], one["move"])
                 for name, value in alone[i].items():
                     assert torch.equal(together[name][i : i + 1], value)
-    assert not together["synapses"][1].any() and together["synapses"][0].any()
+    assert all(synapses.any() for synapses in together["synapses"])
+
+
+def test_what_was_learned_fades_while_nothing_is_felt() -> None:
+    region = cerebellum(learning_rate=0.01, forgetting=0.25)
+    learned = lessons(region, torch.tensor([[20.0, -9.0]]), 3)
+    with torch.inference_mode():
+        _, faded = region.step(spikes(region, felt(1, torch.zeros(1, 2))), learned)
+    assert learned["synapses"].any()
+    torch.testing.assert_close(faded["synapses"], 0.75 * learned["synapses"])
 
 
 def test_plastic_cells_hear_the_force_of_one_axis_and_no_velocity(shipped: AdaptiveCerebellum) -> None:

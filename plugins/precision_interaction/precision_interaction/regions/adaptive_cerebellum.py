@@ -109,19 +109,17 @@ class AdaptiveCerebellum(Cerebellum, Plastic):
         return moves / moves.abs().sum(1).max().clamp(min=torch.finfo().tiny)
 
     def _taught(self, error_mN: Tensor, state: State) -> Tensor:
-        """Return the synapses, changed by what the climbing fibres tell of the window before."""
+        """Return the synapses, faded by a window, and changed by what the climbing fibres tell of the one before."""
         felt_mN = error_mN.sign() * (error_mN.abs() - self.config.dead_zone).clamp(min=0)
-        told = felt_mN.any(1)
-        if not told.any():
-            return state["synapses"]
+        kept = (1 - self.config.forgetting) * state["synapses"]
+        if not felt_mN.any():
+            return kept
         cells = self.plastic_cells()
         trace, mean = (torch.where(cells, state[name].unsqueeze(1), 0.0) for name in ("trace", "mean"))
         # In double precision these sums are exact, whatever the order that the batch leads to.
         like_mean = (trace.double() * mean).sum(2) / (mean.double() * mean).sum(2).clamp(min=1)
         pattern = trace - like_mean.float().unsqueeze(2) * mean + self.config.tonic * mean
-        kept = (1 - self.config.forgetting) * state["synapses"]
-        changed = error_driven(kept, pattern, felt_mN, self.config.learning_rate).clamp(-1, 1)
-        return torch.where(told[:, None, None], changed, state["synapses"])
+        return error_driven(kept, pattern, felt_mN, self.config.learning_rate).clamp(-1, 1)
 
     def _run_taught(self, inputs: Mapping[str, Tensor], synapses: Tensor, probe: Probe | None) -> dict[str, Tensor]:
         granule = self._before(inputs, wanted=["granule"], probe=probe)[0]["granule"]

@@ -20,7 +20,7 @@ class AdaptiveCerebellumConfig(CerebellumConfig):
     implementation: ClassVar[str] = "precision_interaction.regions.adaptive_cerebellum:AdaptiveCerebellum"
 
     type: Literal["precision.adaptive_cerebellum"] = "precision.adaptive_cerebellum"  # type: ignore[assignment]
-    carry: Literal["never", "repeat", "always"] = "always"
+    carry: Literal["always"] = "always"
     learning_rate: float = Field(
         default=0.0024,
         ge=0,
@@ -39,7 +39,7 @@ class AdaptiveCerebellumConfig(CerebellumConfig):
         default=0.005,
         ge=0,
         lt=1,
-        description="Share of what was learned that each lesson takes away, as noise adds up.",
+        description="Share of what was learned that fades with each window, as noise adds up.",
     )
     plastic_weight: float = Field(
         default=0.2,

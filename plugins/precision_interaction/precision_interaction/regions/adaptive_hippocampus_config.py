@@ -25,7 +25,7 @@ class AdaptiveHippocampusConfig(HippocampusConfig):
     }
 
     type: Literal["precision.adaptive_hippocampus"] = "precision.adaptive_hippocampus"  # type: ignore[assignment]
-    carry: Literal["never", "repeat", "always"] = "always"
+    carry: Literal["always"] = "always"
     outer: Literal[True] = True
     learning_rate: float = Field(
         default=0.3,
