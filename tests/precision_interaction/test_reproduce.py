@@ -100,7 +100,7 @@ def test_a_cell_whose_code_changed_while_it_was_measured_is_not_kept(setting: Se
     assert begun.missing() == ["one", "two"]
     begun.add("one", {"value": 3}, 0.0)
     (tmp_path / "input.txt").write_text("2")
-    with pytest.raises(NeuroroboError, match="toy, two: .* changed while this was measured.* run this again"):
+    with pytest.raises(NeuroroboError, match=r"toy, two: .* changed while this was measured.* run this again"):
         begun.add("two", {"value": 3}, 0.0)
     assert set(Store(tmp_path, Toy(), setting).kept) == {"one"}
 

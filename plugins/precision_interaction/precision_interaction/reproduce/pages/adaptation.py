@@ -139,11 +139,11 @@ def _mean(insertion: Mapping[str, Sequence[float]]) -> float:
 
 
 def _before(result: Result) -> list[float]:
-    return np.array(result["around"])[:, :PERIODS_BEFORE].mean(1).tolist()
+    return list(np.array(result["around"])[:, :PERIODS_BEFORE].mean(1))
 
 
 def _fifth(result: Result) -> list[float]:
-    return np.array(result["around"])[:, PERIODS_BEFORE + WITHIN_PERIODS - 1].tolist()
+    return [periods[PERIODS_BEFORE + WITHIN_PERIODS - 1] for periods in result["around"]]
 
 
 def _quotient(over: Sequence[float], under: Sequence[float]) -> str:

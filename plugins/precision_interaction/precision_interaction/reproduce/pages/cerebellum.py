@@ -94,8 +94,9 @@ def _table_of_periods(found: Mapping[float, Found]) -> Table:
     caption = (
         f"Mean norm of the radial force in mN over the first {TEST_PERIODS} periods, by the length of the control "
         "period, with 95 % intervals from a bootstrap over the trajectories; those of differences are of pairs that "
-        "meet the same draws. The networks have 8 deep nuclei, and are of one training each, of seed 1. Held: the stage "
-        "gives the network no more acceleration than it gives a PID controller. `profile` is left as its teacher is."
+        "meet the same draws. The networks have 8 deep nuclei, and are of one training each, of seed 1. Held: "
+        "the network gets no more acceleration of the stage than a PID controller does. `profile` is left "
+        "as its teacher is, whose path may start at any velocity."
     )
     return Table(("controller", "paper", *(f"{period_s:g} s" for period_s in found)), lines, caption)
 
@@ -165,8 +166,8 @@ def _words(found: Mapping[float, Found]) -> Sequence[str]:
         f"opponent; they beat the paper's compensator at {len(beaten)} of {len(found)} periods.",
         "`predictive` moves to zero force within the stage's acceleration and brakes in time. Teachers and PIDs keep "
         f"the limit of {limit:.1f} µm/s² per axis, with the exception of `profile`, whose path may start at another "
-        "velocity than the stage has; networks are not held to it but where it is said. In 5 % of the periods the `predictive` network asks "
-        f"for more than this (µm/s²): {asked}.",
+        "velocity than the stage has; networks are held to it only where the tables say so. In 5 % of the periods the "
+        f"`predictive` network asks for more than this (µm/s²): {asked}.",
     )
 
 
@@ -242,6 +243,6 @@ PAGE = Page(
     Cerebellum(),
     title="The cerebellum and PID controllers compensate a radial force",
     paper="Fig. 6",
-    minutes=35,
+    minutes=45,
     present=present,
 )

@@ -111,8 +111,8 @@ def _words(chosen: Sequence[Training], results: Mapping[str, Result]) -> list[st
     for rig in DEPTH_GAIN:
         by_speed = {ideal.speed_um_s: results[name] for name, ideal in IDEALS.items() if ideal.rig == rig}
         fastest, slowest = max(by_speed), min(by_speed)
-        before, after = (np.array([part.mean() for part in parts(by_speed[speed])]) for speed in (fastest, slowest))
-        distance, force = 100 * (after / before - 1.0)
+        fast, slow = (np.array([part.mean() for part in parts(by_speed[speed])]) for speed in (fastest, slowest))
+        distance, force = 100 * (slow / fast - 1.0)
         words.append(
             f"Ideal controllers on the {rig} that go no faster than {slowest} µm/s instead of {fastest} change the "
             f"cost of the distance by {distance:+.0f} % and that of the force by {force:+.0f} %."
@@ -217,5 +217,5 @@ def _pareto(chosen: Sequence[Training], results: Mapping[str, Result]) -> Callab
 
 
 PAGE = Page(
-    Ppo(), title="Fine-tuning the joined brain by PPO", paper="Eq. 3, 13, Sec. IV-D", minutes=25, present=present
+    Ppo(), title="Fine-tuning the joined brain by PPO", paper="Eq. 3, 13, Sec. IV-D", minutes=35, present=present
 )
