@@ -87,7 +87,7 @@ def _table_of_periods(found: Mapping[float, Found]) -> Table:
         paper = f"{PAPER[name]:g}" if name in PAPER else "-"
         lines.append([label, paper, *(with_interval(f[name]["mean_mN"]) for f in found.values())])
     held = (with_interval(f["predictive network"]["held_mean_mN"]) for f in found.values())
-    lines.insert(list(LABELS).index("predictive network") + 1, ["predictive, network, held", "-", *held])
+    lines.append(["predictive, network, held", "-", *held])
     for name in ("predictive teacher", "predictive network"):
         label = f"best PID less {LABELS[name]}"
         lines.append([label, "-", *(with_interval(_lead(f, name), digits=2) for f in found.values())])
