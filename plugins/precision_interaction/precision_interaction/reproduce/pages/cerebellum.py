@@ -195,7 +195,8 @@ def _picture(found: Mapping[float, Found]) -> Picture:
         f"Fig. 6. (a) Radial force of each trajectory at {PAPER_PERIOD_S:g} s, and their mean: as in the paper, the "
         "network that learned the paper's compensator and the PID by the rule of Ziegler and Nichols; then the network "
         f"that learned `predictive` and the best PID of the grid. (b) Mean of the first {TEST_PERIODS} periods by the "
-        "length of the period; the crosses are the paper's network and PID, at the period of (a)."
+        "length of the period; the crosses are the paper's network and PID, at the period of (a). Networks are of "
+        "one training each, of seed 1."
     )
     return Picture("fig6", caption, _drawing(found), (11.0, 3.4))
 
