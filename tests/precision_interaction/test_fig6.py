@@ -27,6 +27,7 @@ from precision_interaction.reproduce.compensation import (
     TeacherName,
     cerebellum_config,
     errors_mN,
+    held,
     joined,
     network_controller,
     teacher_region,
@@ -125,11 +126,34 @@ def test_training_brings_the_force_down(teacher: TeacherName) -> None:
     assert errors["residual"] < 0.5 * errors_before["residual"]
 
 
+@pytest.mark.parametrize("period_s", PERIODS_S)
+def test_a_held_controller_keeps_the_limit_and_one_within_it_is_left_alone(period_s: float) -> None:
+    change_um_s = table_one.MAX_ACCELERATION_UM_S2 / math.sqrt(2.0) * period_s
+    met: list[Met] = []
+    compensation_test(watched(held(ideal, period_s=period_s), met), seeded(), period_s=period_s)
+    for each in met:
+        change = each.done.velocity_um_s - each.inputs["velocity"]
+        assert change.abs().max() <= change_um_s * (1 + 1e-5)
+        torch.testing.assert_close(each.done.move_um, each.done.velocity_um_s * period_s)
+    free = teacher_controller(COMPENSATE["predictive"], period_s=period_s)
+    alone, kept = (compensation_course(c, seeded(), period_s=period_s) for c in (free, held(free, period_s=period_s)))
+    torch.testing.assert_close(kept, alone, atol=1e-3, rtol=1e-4)
+
+
+def test_the_seed_draws_the_weights() -> None:
+    tiny = Effort(granule_cells=20, purkinje_cells=10, steps=1, batch=4)
+    one, same, other = (
+        train(Network("predictive", PAPER_PERIOD_S, seed=seed), tiny).state_dict() for seed in (1, 1, 2)
+    )
+    assert all(torch.equal(one[name], same[name]) for name in one)
+    assert not all(torch.equal(one[name], other[name]) for name in one)
+
+
 # --- the row
 
 
-def fabricated(setting: Setting, network_mN: float = 7.0) -> Mapping[str, Any]:
-    """Results as they might be: the force of the predictive network, and round figures for all others."""
+def fabricated(setting: Setting, network_mN: float = 7.0, held_mN: float = 7.0) -> Mapping[str, Any]:
+    """Results as they might be: the force of the predictive network, held or not; round figures for all others."""
 
     def tested(force_mN: float, period_s: float) -> dict[str, Any]:
         course = {"course_mN": [[force_mN, force_mN + 1.0]] * 40} if period_s == PAPER_PERIOD_S else {}
@@ -140,6 +164,8 @@ def fabricated(setting: Setting, network_mN: float = 7.0) -> Mapping[str, Any]:
         force_mN = network_mN if network.teacher == "predictive" else 80.0
         errors = {"move_error_mN": 2.0, "residual_error_mN": 3.0}
         results[network.name] = {**tested(force_mN, network.period_s), **errors}
+        if network.teacher == "predictive":
+            results[network.name]["held_mean_mN"] = [held_mN] * QUICK_TRAJECTORIES
     cells = [cell for cell in Cerebellum().cells(setting) if cell not in results]
     for cell, period_s in zip(cells, periods(setting), strict=True):
         results[cell] = {
@@ -169,6 +195,8 @@ def test_the_row_says_what_is_missed() -> None:
     misses = present(fabricated(FULL, network_mN=20.0), FULL).misses
     assert len(misses) == 4  # too far from the teacher at 0.2, 0.5 and 1 s, and above a fifth of the paper's figure
     assert any("15.2" in miss for miss in misses)
+    [miss] = present(fabricated(FULL, held_mN=20.0), FULL).misses
+    assert "held" in miss and "15.2" in miss
 
 
 def test_the_picture_can_be_drawn(tmp_path: Path) -> None:
@@ -182,6 +210,6 @@ def test_the_picture_can_be_drawn(tmp_path: Path) -> None:
 def test_a_cell_on_a_small_scale_has_all_that_is_shown() -> None:
     row, results = Cerebellum(), dict(fabricated(QUICK))
     cells = row.cells(QUICK)
-    for cell in (cells[0], cells[-1]):
+    for cell in (cells[0], Network("predictive", PAPER_PERIOD_S).name, cells[-1]):
         results[cell] = row.measure(cell, QUICK)
     assert present(results, QUICK).tables

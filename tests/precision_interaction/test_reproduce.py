@@ -13,7 +13,7 @@ from precision_interaction.reproduce.command import measure_missing, reproduce
 from precision_interaction.reproduce.pages import report
 from precision_interaction.reproduce.pages.every import pages
 from precision_interaction.reproduce.pages.page import Page, Picture, Presentation, Table, Wanted
-from precision_interaction.reproduce.pages.statistics import cell, interval
+from precision_interaction.reproduce.pages.statistics import cell, interval, quotient
 from precision_interaction.reproduce.row import Result, Row, Setting
 from precision_interaction.reproduce.store import Store
 
@@ -93,6 +93,37 @@ def test_a_row_of_one_version_is_whole_and_of_two_is_not(setting: Setting, tmp_p
     with pytest.raises(NeuroroboError, match="the toy is broken"):
         measure_missing([changed], setting, jobs=1)
     assert not Store(tmp_path, Toy(), setting).whole
+
+
+def test_a_cell_whose_code_changed_while_it_was_measured_is_not_kept(setting: Setting, tmp_path: Path) -> None:
+    begun = Store(tmp_path, Toy(), setting)
+    assert begun.missing() == ["one", "two"]
+    begun.add("one", {"value": 3}, 0.0)
+    (tmp_path / "input.txt").write_text("2")
+    with pytest.raises(NeuroroboError, match=r"toy, two: .* changed while this was measured.* run this again"):
+        begun.add("two", {"value": 3}, 0.0)
+    assert set(Store(tmp_path, Toy(), setting).kept) == {"one"}
+
+
+def test_what_a_module_imports_is_read_anew_when_it_is_to_be_forgotten(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    source = tmp_path / "toy.py"
+    source.write_text("import neurorobo.clock\n")
+    monkeypatch.setattr(dependencies, "_source", lambda module: source if module == "toy" else None)
+    dependencies.forget()
+    before = dependencies.fingerprint("toy", [])
+    source.write_text("import neurorobo.units\n")
+    dependencies.forget()
+    assert dependencies.fingerprint("toy", []) != before
+    dependencies.forget()
+
+
+def test_the_quotient_of_two_means_is_that_of_pairs() -> None:
+    under = [1.0, 2.0, 4.0, 8.0]
+    assert quotient([2.0 * value for value in under], under) == pytest.approx((2.0, 2.0, 2.0))
+    share, low, high = quotient([2.0, 1.0, 8.0, 4.0], under)
+    assert low < share < high
 
 
 def test_damaged_results_are_named(setting: Setting, tmp_path: Path) -> None:

@@ -4,7 +4,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from precision_interaction.reproduce.adaptation import METRICS, SESSIONS, STIFFER, TIMED, Adaptation
+from precision_interaction.reproduce.adaptation import (
+    METRICS,
+    PERIODS_AFTER,
+    PERIODS_BEFORE,
+    SESSIONS,
+    STIFFER,
+    TIMED,
+    Adaptation,
+)
 from precision_interaction.reproduce.pages.adaptation import PAGE
 from precision_interaction.reproduce.row import Setting
 from precision_interaction.reproduce.store import as_json
@@ -23,7 +31,11 @@ def measured() -> dict[str, Any]:
             for stretch in session.stretches
         ]
         changed = any(STIFFER in stretch.changes for stretch in session.stretches)
-        around = (np.linspace(1.0, 1.1, 13) + np.arange(3)[:, None] / 100).tolist() if changed else []
+        around = (
+            (np.linspace(1.0, 1.1, PERIODS_BEFORE + PERIODS_AFTER) + np.arange(3)[:, None] / 100).tolist()
+            if changed
+            else []
+        )
         results[name] = {"stretches": stretches, "around": around}
     results["learning off"] = {"peg_in_hole": {"same": 2, "of": 2}, "peg_in_hole_fast": {"same": 2, "of": 2}}
     results["control period"] = {n: {"planning": 20.0, "others": 9.0, "longest": 30.0} for n in TIMED}

@@ -14,16 +14,18 @@ from precision_interaction.reproduce.codes import CODES, SIZES, TRAINED_SIZES, C
 from precision_interaction.reproduce.contact import Contact
 from precision_interaction.reproduce.firing_rates import REGIONS, FiringRates
 from precision_interaction.reproduce.learning import REGIONS as PUPILS
-from precision_interaction.reproduce.learning import Learning
+from precision_interaction.reproduce.learning import Learning, same_as_shipped
 from precision_interaction.reproduce.operations import dense_pJ, spiking_pJ, synapses
 from precision_interaction.reproduce.pages.additivity import HOLDS
 from precision_interaction.reproduce.pages.every import pages
 from precision_interaction.reproduce.pages.page import Page, Presentation
-from precision_interaction.reproduce.ppo import SEEDED, Ppo
+from precision_interaction.reproduce.ppo import DEPTH_GAIN, PAPER_RIG, QUICK_TRAININGS, SEEDED, Ideal, Ppo
 from precision_interaction.reproduce.row import Row, Setting
 from precision_interaction.reproduce.store import as_json
 
+from neurorobo.config.experiment import load_experiment
 from neurorobo.engine import Circuit, Layer
+from neurorobo.experiment.weights import weights_file
 from neurorobo.neurons import LIF
 from neurorobo.synapses import Dense, FanIn
 from tests.precision_interaction.shown import shown as shown_by
@@ -127,7 +129,6 @@ def test_energy_is_that_of_its_operations() -> None:
 
 
 def test_rates_are_those_that_a_run_tells_and_nothing_fires_without_a_spike(tmp_path: Path) -> None:
-    from neurorobo.config.experiment import load_experiment
     from neurorobo.experiment.build import build_brain, build_task
     from neurorobo.experiment.closed_loop import run_episodes
 
@@ -197,13 +198,26 @@ def test_learning_notes_what_took_too_long(tmp_path: Path) -> None:
     assert set(hippocampus["phases"][-1]["rms"]) == {"mean", "variance"}
     phase = {"seed": 1, "steps": 2, "seconds": 60.0, "rms": {"move": [[0.3, 0.4]]}}
     phase["curve"] = [{"seconds": 1.0, "move": 2.0}, {"seconds": 2.0, "move": 1.0}]
-    results: Results = {name: {"threads": 1, "phases": [phase]} for name in PUPILS}
+    same = {"same": 7, "of": 7}
+    results: Results = {name: {"threads": 1, "same_as_shipped": same, "phases": [phase]} for name in PUPILS}
+    assert 0 < hippocampus["same_as_shipped"]["same"] < hippocampus["same_as_shipped"]["of"]
+    seconds = [point["seconds"] for phase in hippocampus["phases"] for point in phase["curve"]]
+    assert seconds == sorted(seconds)
     results["hippocampus"] = dict(hippocampus)
     presentation = shown(Learning(), results, tmp_path)
     assert presentation.misses == []
     assert "move 0.354 µm" in presentation.tables[0].lines[1][-1]
-    results["cerebellum"] = {"threads": 1, "phases": [{**phase, "seconds": 960.0}]}
+    results["cerebellum"] |= {"phases": [{**phase, "seconds": 960.0}]}
     assert present(Learning(), results).misses == ["minutes of the cerebellum is 16, wanted at most 15"]
+    full = page_of(Learning()).present(results, Setting(SETTING.examples))
+    assert "hippocampus: not all weights are the shipped ones" in full.misses
+    assert "7 of 7 in the cerebellum" in " ".join(full.words)
+
+
+def test_shipped_weights_are_the_same_as_themselves() -> None:
+    experiment = load_experiment(SETTING.examples / "peg_in_hole.yaml")
+    found = same_as_shipped("hippocampus", weights_file("hippocampus", experiment), experiment)
+    assert found["same"] == found["of"] > 0
 
 
 @pytest.fixture(scope="module")
@@ -227,7 +241,23 @@ def test_it_tells_a_seed_that_is_worse_than_the_start(fine_tuning: Results) -> N
         assert part in misses
 
 
-def test_slower_costs_an_ideal_controller_more_force_too(fine_tuning: Results) -> None:
-    fast, slow = (fine_tuning[f"ideal, {speed} um/s"] for speed in (100, 30))
-    for part in ("distance_return", "force_return"):
-        assert np.mean(slow[part]) < np.mean(fast[part])
+def test_slower_costs_an_ideal_controller_more_distance_and_on_the_papers_rig_more_force(fine_tuning: Results) -> None:
+    for rig in DEPTH_GAIN:
+        fast, slow = (fine_tuning[Ideal(rig, speed).name] for speed in (100, 30))
+        for part in ("distance_return", "force_return") if rig == PAPER_RIG else ("distance_return",):
+            assert np.mean(slow[part]) < np.mean(fast[part])
+
+
+def test_the_parts_of_a_cost_add_up_and_do_not_depend_on_its_weights(fine_tuning: Results) -> None:
+    for training in QUICK_TRAININGS:
+        found = fine_tuning[training.name]
+        distance, force = (np.array(found["parts"][part]) for part in ("distance_return", "force_return"))
+        whole = found["held_out"]["after"]["return"]
+        assert distance + training.force_weight * force == pytest.approx(whole)
+        assert (force <= 0).all() and len(whole) == 2
+
+
+def test_a_training_that_takes_too_long_is_noted(fine_tuning: Results) -> None:
+    slow = copy.deepcopy(fine_tuning)
+    slow[SEEDED[0].name]["seconds"][-1] = 31 * 60.0
+    assert f"{SEEDED[0].name}: minutes is 31, wanted at most 30" in present(Ppo(), slow).misses

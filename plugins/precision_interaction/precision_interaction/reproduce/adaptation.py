@@ -27,12 +27,14 @@ from precision_interaction.reproduce.row import Result, Row, Setting
 from precision_interaction.rig.insertion_rig import InsertionRig
 
 SEEDS, QUICK_SEEDS = 100, 2
-"""How many sessions; insertion i of session s has the seed s + 100 i."""
+"""How many sessions; insertion i, from 0, of session s has the seed s + 10 000 i: no setting was chosen on those."""
+
+SEED_STRIDE = 10_000
 
 METRICS = ("mean_force_mN", "max_force_mN", "steps", "success")
 CHANGE_AT_UM = 1000.0
 SOFT_MN_UM, STIFF_MN_UM = 80.0, 120.0
-PERIODS_BEFORE, PERIODS_AFTER = 5, 8
+PERIODS_BEFORE, PERIODS_AFTER = 5, 7
 """Axial periods around the change, while the speed is the largest one all the time."""
 
 TWENTY_HZ = 'time.radial="50 ms"'
@@ -89,7 +91,7 @@ SESSIONS = {
 
 OFF = {
     "peg_in_hole": ("peg_in_hole_adaptive", ()),
-    "peg_in_hole_fast": ("peg_in_hole_fast_adaptive", (TWENTY_HZ,)),
+    "peg_in_hole_fast": ("peg_in_hole_fast_adaptive", (TWENTY_HZ, STIFFER)),
 }
 """Examples that must give the same with learning switched off: the one with learning, and what is changed in both."""
 
@@ -97,7 +99,7 @@ TIMED = {"learning": "peg_in_hole_fast_adaptive", "as shipped": "peg_in_hole_fas
 
 
 class Forces(Recorder):
-    """Keeps the true radial force at the end of every radial period, and the travel at its start."""
+    """Keeps the true radial force at the end of every radial period, and the travel at its start, while it runs."""
 
     def __init__(self, setting: RunSetting) -> None:
         super().__init__(setting)
@@ -109,7 +111,7 @@ class Forces(Recorder):
         assert self.setting.task is not None and isinstance(self.setting.task.body, InsertionRig)
         force_mN = np.linalg.norm(self.setting.task.body.force_mN[:, :2], axis=1)
         self.force_mN.append(np.where(sample.running, force_mN, np.nan))
-        self.travel_um.append(np.asarray(sample.observation["travel"][:, 0]))
+        self.travel_um.append(np.where(sample.running, sample.observation["travel"][:, 0], np.nan))
 
     def finish(self) -> None:
         """Nothing is written."""
@@ -179,13 +181,12 @@ def _run(session: Session, changes: Sequence[str], setting: Setting) -> Result:
     counts = [min(stretch.insertions, 2) if setting.quick else stretch.insertions for stretch in session.stretches]
     found: list[list[dict[str, list[float]]]] = [[{} for _ in range(count)] for count in counts]
     around: list[list[float]] = []
-    for first in range(0, sessions, LARGEST_BATCH):
-        batch = range(first, min(first + LARGEST_BATCH, sessions))
+    for batch in _batches(sessions):
         memory, number = Memory(), session.number
         for stretch, (experiment, brain, task), results in zip(session.stretches, rigs, found, strict=True):
             for result in results:
                 forces = Forces(RunSetting(Path(), experiment.name, brain.plan, batch, task))
-                seeds = [seed + 100 * number for seed in batch]
+                seeds = [seed + SEED_STRIDE * number for seed in batch]
                 episodes = run_episodes(brain, task, seeds, recorders=[forces], memory=memory)
                 for metric in METRICS:
                     result.setdefault(metric, []).extend(round(episode.metrics[metric], 3) for episode in episodes)
@@ -194,6 +195,10 @@ def _run(session: Session, changes: Sequence[str], setting: Setting) -> Result:
                     around += forces.around_the_change(periods["control"] // periods["radial"])
                 number += 1
     return {"stretches": found, "around": around}
+
+
+def _batches(sessions: int) -> list[range]:
+    return [range(sessions)[first : first + LARGEST_BATCH] for first in range(0, sessions, LARGEST_BATCH)]
 
 
 def _taught(folder: Path, setting: Setting) -> Path:
@@ -211,7 +216,7 @@ def _taught(folder: Path, setting: Setting) -> Path:
 
 
 def _same_without_learning(example: str, setting: Setting) -> Mapping[str, int]:
-    """Return of how many insertions every force is the same, to the last bit, as without plasticity."""
+    """Return of how many insertions all forces and travels are the same, to the last bit, as without plasticity."""
     adaptive, changes = OFF[example]
     off = [
         f"regions.{name}.{rate}=0"
@@ -219,16 +224,24 @@ def _same_without_learning(example: str, setting: Setting) -> Mapping[str, int]:
         for rate in ("learning_rate", "variance_learning_rate")
         if rate in type(config).model_fields
     ]
-    seeds = range(QUICK_SEEDS if setting.quick else LARGEST_BATCH)
-    forces = []
-    for file, more in ((example, ()), (adaptive, off)):
-        experiment = _experiment(file, (*changes, *more), setting)
-        brain, task = _built(experiment)
+    plain, without = (
+        _courses(_experiment(file, (*changes, *more), setting), QUICK_SEEDS if setting.quick else SEEDS)
+        for file, more in ((example, ()), (adaptive, off))
+    )
+    same = [np.array_equal(one, other) for one, other in zip(plain, without, strict=True)]
+    return {"same": sum(same), "of": len(same)}
+
+
+def _courses(experiment: Experiment, insertions: int) -> list[Array]:
+    """Return force and travel of each insertion, (2, periods until it ends)."""
+    brain, task = _built(experiment)
+    courses = []
+    for seeds in _batches(insertions):
         kept = Forces(RunSetting(Path(), experiment.name, brain.plan, seeds, task))
         run_episodes(brain, task, seeds, recorders=[kept])
-        forces.append(np.array(kept.force_mN))
-    same = [np.array_equal(one, other, equal_nan=True) for one, other in zip(*(f.T for f in forces), strict=True)]
-    return {"same": sum(same), "of": len(same)}
+        both = np.array([kept.force_mN, kept.travel_um]).transpose(2, 0, 1)
+        courses += [course[:, ~np.isnan(course[0])] for course in both]
+    return courses
 
 
 def _milliseconds(example: str, setting: Setting) -> Mapping[str, float]:

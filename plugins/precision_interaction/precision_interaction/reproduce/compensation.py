@@ -1,5 +1,6 @@
 """Cerebella for the test of Fig. 6: one is trained for each teacher, control period and number of deep nuclei."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
@@ -37,16 +38,17 @@ MARGIN = 0.1
 
 @dataclass(frozen=True)
 class Network:
-    """A cerebellum to be trained: by whom, for what control period, and with how many deep nuclei."""
+    """A cerebellum to be trained: by whom, for what control period, with how many deep nuclei, and from what seed."""
 
     teacher: TeacherName
     period_s: float
     nuclei: int = 8
+    seed: int = 1
 
     @property
     def name(self) -> str:
         """The name of its cell."""
-        return f"{self.teacher}, {self.period_s:g} s, {self.nuclei} nuclei"
+        return f"{self.teacher}, {self.period_s:g} s, {self.nuclei} nuclei, seed {self.seed}"
 
     @property
     def clock(self) -> Clock:
@@ -103,6 +105,21 @@ def network_controller(region: Region) -> Controller:
     return control
 
 
+def held(controller: Controller, *, period_s: float) -> Controller:
+    """Hold a controller to the stage's acceleration, axis by axis, as the PID controllers are."""
+    change_um_s = table_one.MAX_ACCELERATION_UM_S2 / math.sqrt(2.0) * period_s
+
+    def control(force_mN: Tensor, state: State, mean_mN: Tensor, variance_mN2: Tensor) -> tuple[Compensation, State]:
+        wanted, after = controller(force_mN, state, mean_mN, variance_mN2)
+        before_um_s = state["velocity"]
+        velocity_um_s = torch.clamp(wanted.velocity_um_s, before_um_s - change_um_s, before_um_s + change_um_s)
+        move_um = velocity_um_s * period_s
+        left_mN = force_mN - table_one.STIFFNESS_MN_UM * move_um
+        return Compensation(move_um, left_mN, velocity_um_s), {**after, "velocity": velocity_um_s}
+
+    return control
+
+
 @torch.no_grad()
 def say(region: Region, inputs: Mapping[str, Tensor]) -> dict[str, Tensor]:
     """Return what a region says to numbers (batch, width), as numbers in the units of its ports."""
@@ -142,13 +159,13 @@ def cerebellum_config(network: Network, effort: Effort) -> CerebellumConfig:
 
 
 def train(network: Network, effort: Effort) -> Region:
-    """Return a cerebellum that has learned what its teacher does, from a fixed seed.
+    """Return a cerebellum that has learned what its teacher does, from the network's seed.
 
     Half of each batch are states that it has met by itself in the test, on other trajectories than it is tested on,
     the rest are spread over the ranges of its codes.
     """
     config = cerebellum_config(network, effort)
-    region: Region = build(config, network.clock, torch.Generator().manual_seed(network.nuclei))
+    region: Region = build(config, network.clock, torch.Generator().manual_seed(network.seed))
     ranges = config.model_dump(mode="json", include={"force", "velocity"})
     data = CompensationStatesConfig.model_validate({"max_speed": f"{TEST_SPEED_UM_S:g} um/s", **ranges})
     # 0.05 um are 4 mN: the move counts twice, as the stage carries it out; a velocity is what moves the stage next.
@@ -172,7 +189,7 @@ def train(network: Network, effort: Effort) -> Region:
         teacher_region(network),
         build(data, network.clock),
         phase,
-        torch.Generator().manual_seed(1),
+        torch.Generator().manual_seed(network.seed),
         rollout=OwnTrajectories(region, network.period_s),
     )
     return region

@@ -50,6 +50,12 @@ def modules(module: str, without: frozenset[str] = frozenset()) -> frozenset[str
     return frozenset(found)
 
 
+def forget() -> None:
+    """Read all sources anew for the next fingerprint."""
+    modules.cache_clear()
+    _needs.cache_clear()
+
+
 @cache
 def _needs(module: str) -> tuple[str, ...]:
     """Return the modules of `PACKAGES` that a module names in its imports, wherever they stand, and in its strings.

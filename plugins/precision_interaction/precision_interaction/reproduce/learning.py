@@ -1,5 +1,6 @@
 """How fast the three regions learn from scratch, as `neurorobo train examples/peg_in_hole.yaml` teaches them."""
 
+import json
 import tempfile
 import time
 from collections.abc import Sequence
@@ -10,10 +11,13 @@ from typing import ClassVar
 import torch
 
 from neurorobo.config.experiment import Experiment, load_experiment
+from neurorobo.experiment.build import build_region
 from neurorobo.experiment.lessons import Lesson, read_lessons
 from neurorobo.experiment.train import train_experiment
+from neurorobo.experiment.weights import weights_file
 from neurorobo.learning.supervise import Progress
 from neurorobo.plugins import Registry
+from neurorobo.regions.weights import load_weights, to_grid
 from precision_interaction.reproduce.row import Result, Row, Setting
 
 EXAMPLE = "peg_in_hole.yaml"
@@ -24,7 +28,10 @@ POINTS = 60
 
 @dataclass
 class Curve:
-    """The errors of a phase: ``points`` hold processor seconds and the rms error of each output since the last one."""
+    """The errors of a phase: ``points`` hold processor seconds since ``started_s`` and rms errors since the last one.
+
+    Errors are those of each step's batch, before the step.
+    """
 
     started_s: float
     steps: int = 0
@@ -53,22 +60,27 @@ class Learning(Row):
         return REGIONS
 
     def files(self, setting: Setting) -> Sequence[Path]:
-        """Return the example."""
-        return [setting.examples / EXAMPLE]
+        """Return the example and the shipped weights: other regions act with them, and what is trained is compared."""
+        experiment = load_experiment(setting.examples / EXAMPLE)
+        weights = [weights_file(name, experiment) for name, config in experiment.regions.items() if config.weights]
+        return [setting.examples / EXAMPLE, *weights]
 
     def measure(self, cell: str, setting: Setting) -> Result:
         """Train one region through all of its phases; only the times differ from run to run."""
         experiment, lessons = _read(setting)
         curves: dict[int, Curve] = {}
         threads = torch.get_num_threads()
+        started_s = time.process_time()
 
         def follow(index: int, progress: Progress) -> None:
-            curves.setdefault(index, Curve(started_s=time.process_time())).add(progress)
+            curves.setdefault(index, Curve(started_s)).add(progress)
 
         with tempfile.TemporaryDirectory() as folder:
             reports = train_experiment(experiment, lessons, Path(folder), only=[cell], report=follow)
+            same = same_as_shipped(cell, Path(folder) / f"{cell}.safetensors", experiment)
         return {
             "threads": threads,
+            "same_as_shipped": same,
             "phases": [
                 {
                     "seed": report.seed,
@@ -80,6 +92,20 @@ class Learning(Row):
                 for report in reports
             ],
         }
+
+
+def same_as_shipped(region: str, trained: Path, experiment: Experiment) -> dict[str, int]:
+    """Return how many entries of trained weights, rounded to the grids of the shipped ones, are the same as these."""
+    config = experiment.regions[region]
+    ours, shipped = (build_region(config, experiment, torch.Generator()) for _ in range(2))
+    load_weights(ours, trained)
+    bits = json.loads(load_weights(shipped, weights_file(region, experiment))["fractional_bits"])
+    mine, theirs = ours.state_dict(), shipped.state_dict()
+    narrow = {name: to_grid(tensor, bits[name]) if name in bits else tensor for name, tensor in mine.items()}
+    return {
+        "same": sum(int((narrow[name] == tensor).sum()) for name, tensor in theirs.items()),
+        "of": sum(tensor.numel() for tensor in theirs.values()),
+    }
 
 
 def _read(setting: Setting) -> tuple[Experiment, list[Lesson]]:

@@ -37,12 +37,30 @@ class Training:
         return f"{self.rig}, gamma_f {self.force_weight:g}, seed {self.seed}"
 
 
+@dataclass(frozen=True)
+class Ideal:
+    """Analytic controllers that know the contact of the paper's rig and go no faster than this, on one rig."""
+
+    rig: str
+    speed_um_s: int
+
+    @property
+    def name(self) -> str:
+        """The name of the cell."""
+        return f"ideal, {self.rig}, {self.speed_um_s} um/s"
+
+
 FIRST_SEED = 2  # with seed 1 the settings were chosen
 SEEDED = [Training(rig, seed) for rig in DEPTH_GAIN for seed in range(FIRST_SEED, FIRST_SEED + 5)]
-WEIGHTED = [Training(DEEP_RIG, FIRST_SEED, force_weight) for force_weight in (0.25, 0.5, 2.0, 4.0)]
+WEIGHTED = [
+    Training(DEEP_RIG, seed, force_weight)
+    for force_weight in (0.25, 0.5, 2.0, 4.0)
+    for seed in (FIRST_SEED, FIRST_SEED + 1)
+]
 TRAININGS = {training.name: training for training in (*SEEDED, *WEIGHTED)}
 QUICK_TRAININGS = (Training(DEEP_RIG, FIRST_SEED), Training(PAPER_RIG, FIRST_SEED), WEIGHTED[0])
-IDEAL_SPEEDS_UM_S = {f"ideal, {speed} um/s": speed for speed in (100, 80, 60, 40, 30)}
+IDEALS = {ideal.name: ideal for ideal in (Ideal(rig, speed) for rig in DEPTH_GAIN for speed in (100, 80, 60, 40, 30))}
+SHIPPED = {f"as shipped, {rig}": rig for rig in DEPTH_GAIN}
 QUICK = ("iterations=1", "episodes=1", "validation={episodes: 1}", "held_out={episodes: 2}")
 
 
@@ -58,7 +76,7 @@ class Ppo(Row):
 
     def cells(self, setting: Setting) -> Sequence[str]:
         """Return the trainings, and what they are compared with."""
-        return [*(training.name for training in trainings(setting)), *IDEAL_SPEEDS_UM_S]
+        return [*(training.name for training in trainings(setting)), *SHIPPED, *IDEALS]
 
     def files(self, setting: Setting) -> Sequence[Path]:
         """Return the examples and the shipped weights."""
@@ -69,8 +87,10 @@ class Ppo(Row):
     def measure(self, cell: str, setting: Setting) -> Result:
         """Train and insert, or only insert; of a training, the times alone differ from run to run."""
         seeds = QUICK_SEEDS if setting.quick else SEEDS
-        if cell in IDEAL_SPEEDS_UM_S:
-            return _ideal(IDEAL_SPEEDS_UM_S[cell], setting, seeds)
+        if cell in SHIPPED:
+            return _whole_and_parts(EXAMPLE, [_rig(SHIPPED[cell])], setting, seeds)
+        if cell in IDEALS:
+            return _ideal(IDEALS[cell], setting, seeds)
         return _train(TRAININGS[cell], setting, seeds)
 
 
@@ -91,22 +111,38 @@ def _train(training: Training, setting: Setting, seeds: Sequence[int]) -> Result
         trained = [f"regions.{name}.weights={folder}/{name}.safetensors" for name in report.regions]
         there = load_experiment(setting.examples / EXAMPLE, [*changes, _rig(OTHER[training.rig]), *trained], registry)
         other_rig = _practice(there).perform(seeds).to_json()
-        return {**report.evaluation, "seconds": seconds, "other_rig": other_rig}
+        plain = [*changes, _rig(training.rig), *trained]
+        parts = _parts(report.evaluation["held_out"]["after"], EXAMPLE, plain, training.force_weight, setting, seeds)
+        return {**report.evaluation, "seconds": seconds, "other_rig": other_rig, "parts": parts}
 
 
 def _rig(name: str) -> str:
     return f"body.contact.depth_gain={DEPTH_GAIN[name]}"
 
 
-def _ideal(speed_um_s: float, setting: Setting, seeds: Sequence[int]) -> Result:
-    """Return what both parts of Eq. 3 cost analytic controllers that know the contact and go no faster than this."""
-    changes = ["regions.hippocampus.law=measured", f"regions.prefrontal_cortex.max_speed={speed_um_s} um/s"]
-    parts = {}
-    for name, force_weight in (("distance", 0.0), ("all", 1.0)):
-        experiment = load_experiment(setting.examples / IDEAL, [*changes, f"task.force_weight={force_weight}"])
-        parts[name] = _practice(experiment).perform(seeds).to_json()
-    force = [whole - part for whole, part in zip(parts["all"]["return"], parts["distance"]["return"], strict=True)]
-    return {**parts["all"], "distance_return": parts["distance"]["return"], "force_return": force}
+def _ideal(ideal: Ideal, setting: Setting, seeds: Sequence[int]) -> Result:
+    """Return what analytic controllers do and what it costs, in both parts of Eq. 3."""
+    speed = f"regions.prefrontal_cortex.max_speed={ideal.speed_um_s} um/s"
+    return _whole_and_parts(IDEAL, ["regions.hippocampus.law=measured", speed, _rig(ideal.rig)], setting, seeds)
+
+
+def _whole_and_parts(example: str, changes: Sequence[str], setting: Setting, seeds: Sequence[int]) -> Result:
+    """Return what the insertions of an example are like at gamma_f 1, and both parts of what they cost."""
+    whole = _practice(load_experiment(setting.examples / example, changes)).perform(seeds).to_json()
+    return {**whole, **_parts(whole, example, changes, 1.0, setting, seeds)}
+
+
+def _parts(
+    whole: Result, example: str, changes: Sequence[str], force_weight: float, setting: Setting, seeds: Sequence[int]
+) -> Result:
+    """Return both parts of the returns of ``whole``: of the distance, and of the force at gamma_f 1.
+
+    The insertions are the same as those of ``whole``, as the weight of the force changes only what they cost.
+    """
+    experiment = load_experiment(setting.examples / example, [*changes, "task.force_weight=0"])
+    distance = _practice(experiment).perform(seeds).to_json()["return"]
+    force = [(both - one) / force_weight for both, one in zip(whole["return"], distance, strict=True)]
+    return {"distance_return": distance, "force_return": force}
 
 
 def _practice(experiment: Experiment) -> Practice:

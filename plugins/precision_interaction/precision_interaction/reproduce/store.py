@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from neurorobo.errors import NeuroroboError
-from precision_interaction.reproduce.dependencies import fingerprint
+from precision_interaction.reproduce.dependencies import fingerprint, forget
 from precision_interaction.reproduce.row import Result, Row, Setting
 
 
@@ -22,10 +22,12 @@ class Store:
     row: Row
     setting: Setting
     kept: dict[str, dict[str, Any]] = field(init=False)
+    commit: str = field(init=False)
 
     def __post_init__(self) -> None:
         """Read what there is; a NeuroroboError if it is damaged."""
         self.kept = {}
+        self.commit = commit()
         if self.file.exists():
             try:
                 self.kept = json.loads(self.file.read_text())["cells"]
@@ -40,6 +42,9 @@ class Store:
     @cached_property
     def key(self) -> str:
         """The hash of what all cells depend on."""
+        return self._fingerprint()
+
+    def _fingerprint(self) -> str:
         row, setting = self.row, self.setting
         words = (row.name, "quick" if setting.quick else "full", *row.words(setting))
         return fingerprint(type(row).__module__, row.files(setting), words, row.bystanders)
@@ -67,8 +72,17 @@ class Store:
         return sorted({self.kept[cell]["commit"] for cell in self.row.cells(self.setting)})
 
     def add(self, cell: str, result: Result, seconds: float) -> None:
-        """Keep a result, whole, whenever this is stopped; those of cells that are no more are dropped."""
-        self.kept[cell] = {"key": self.key, "seconds": round(seconds, 1), "commit": commit(), "result": result}
+        """Keep a result, whole, whenever this is stopped; those of cells that are no more are dropped.
+
+        Raises a NeuroroboError, and keeps nothing, if the code or a file has changed since this began.
+        """
+        forget()
+        if self._fingerprint() != self.key:
+            raise NeuroroboError(
+                f"{self.row.name}, {cell}: the code, an example or weights changed while this was measured; which file "
+                "it was cannot be told, and the cell is not kept; run this again"
+            )
+        self.kept[cell] = {"key": self.key, "seconds": round(seconds, 1), "commit": self.commit, "result": result}
         cells = [name for name in self.row.cells(self.setting) if name in self.kept]
         lines = ",\n  ".join(f"{json.dumps(name)}: {json.dumps(self.kept[name])}" for name in cells)
         self.folder.mkdir(parents=True, exist_ok=True)

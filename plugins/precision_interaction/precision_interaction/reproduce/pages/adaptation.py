@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from precision_interaction.reproduce.adaptation import PERIODS_BEFORE, SESSIONS, TIMED, Adaptation
 from precision_interaction.reproduce.pages.page import Page, Picture, Presentation, Table, Wanted
 from precision_interaction.reproduce.pages.statistics import cell as with_interval
+from precision_interaction.reproduce.pages.statistics import quotient
 from precision_interaction.reproduce.row import Result, Setting
 
 if TYPE_CHECKING:
@@ -48,11 +49,18 @@ def present(results: Mapping[str, Result], setting: Setting) -> Presentation:
     period = results["control period"]["learning"]
     wanted.at_most("ms of a radial period that plans", period["planning"], PERIOD_MS)
     off = ", ".join(f"{found['same']} of {found['of']} with {name}" for name, found in results["learning off"].items())
+    before, plain_before = (_before(results[f"fine rig, {how}"]) for how in ("learning", "as shipped"))
     words = (
         *WORDS,
         f"The last of the insertions takes {share:.2f} times the force that the same brain takes with a hippocampus "
         "that was trained on the rig's law.",
-        f"With learning switched off, every force of every period is the same as that of the plain example: {off}.",
+        f"With learning switched off, every force and every travel is the same, to the last bit, as those of the plain "
+        f"example: in {off}.",
+        "On the fine rig the force in the fifth second after the change is "
+        f"{_quotient(_fifth(results['fine rig, learning']), before)} times the former with learning, and "
+        f"{_quotient(_fifth(results['fine rig, as shipped']), plain_before)} times as shipped; before the change, "
+        f"learning takes {_quotient(before, plain_before)} times the force of the brain as shipped. Brackets are 95 % "
+        "intervals from a bootstrap over the sessions, in pairs.",
     )
     pictures = [
         Picture(
@@ -128,6 +136,19 @@ def _force(insertion: Mapping[str, Sequence[float]]) -> str:
 
 def _mean(insertion: Mapping[str, Sequence[float]]) -> float:
     return float(np.mean(insertion["mean_force_mN"]))
+
+
+def _before(result: Result) -> list[float]:
+    return list(np.array(result["around"])[:, :PERIODS_BEFORE].mean(1))
+
+
+def _fifth(result: Result) -> list[float]:
+    return [periods[PERIODS_BEFORE + WITHIN_PERIODS - 1] for periods in result["around"]]
+
+
+def _quotient(over: Sequence[float], under: Sequence[float]) -> str:
+    share, low, high = quotient(over, under)
+    return f"{share:.2f} [{low:.2f}, {high:.2f}]"
 
 
 def _ratios(around: Sequence[Sequence[float]]) -> NDArray[np.float64]:

@@ -18,6 +18,15 @@ def interval(values: Sequence[float], seed: int = 0) -> tuple[float, float, floa
     return float(sample.mean()), float(low), float(high)
 
 
+def quotient(over: Sequence[float], under: Sequence[float], seed: int = 0) -> tuple[float, float, float]:
+    """Return the quotient of two means and the ends of its 95 % interval, from a bootstrap over the pairs."""
+    pairs = np.array([over, under], dtype=np.float64)
+    generator = np.random.default_rng(seed)
+    means = pairs[:, generator.integers(pairs.shape[1], size=(DRAWS, pairs.shape[1]))].mean(2)
+    low, high = np.percentile(means[0] / means[1], [2.5, 97.5])
+    return float(pairs[0].mean() / pairs[1].mean()), float(low), float(high)
+
+
 def cell(values: Sequence[float], digits: int = 1) -> str:
     """Return the mean with its interval, as it stands in a table."""
     mean, low, high = interval(values)
