@@ -36,12 +36,14 @@ class AdaptiveCerebellum(Cerebellum, Plastic):
     that pattern, for offsets. Plastic are the cells that hear the force of their axis, and neither the other's nor a
     velocity: their activity depends on little else, and so does what is learned.
 
+    What was learned fades within some hundred windows, and does not outlive an episode.
+
     State: `synapses` (batch, axes, granule cells) is a, `mean` (batch, granule cells) the mean spikes per window,
     `trace` (batch, granule cells) the spikes of the last window.
     """
 
     config: AdaptiveCerebellumConfig
-    learned: ClassVar[tuple[str, ...]] = ("synapses", "mean")
+    learned: ClassVar[tuple[str, ...]] = ()
 
     def __init__(self, config: AdaptiveCerebellumConfig, clock: Clock, generator: torch.Generator) -> None:
         super().__init__(config, clock, generator)

@@ -75,7 +75,7 @@ def _compensator(stiffness_mN_um: float) -> str:
 
 INSERTIONS = 10
 SESSIONS = {
-    "fine rig, learning": Session("peg_in_hole_fast_adaptive", (Stretch(1, (STIFFER,)), Stretch(1)), (TWENTY_HZ,)),
+    "fine rig, learning": Session("peg_in_hole_fast_adaptive", (Stretch(1, (STIFFER,)), Stretch(3)), (TWENTY_HZ,)),
     "fine rig, as shipped": Session("peg_in_hole_fast", (Stretch(1, (STIFFER,)), Stretch(1)), (TWENTY_HZ,)),
     "paper rig, learning": Session("peg_in_hole_adaptive", (Stretch(INSERTIONS), Stretch(2, (PRIOR_LAW,)), Stretch(1))),
     "paper rig, as shipped": Session("peg_in_hole", (Stretch(1), Stretch(2, (PRIOR_LAW,))), number=INSERTIONS - 1),

@@ -109,7 +109,7 @@ def _change(results: Mapping[str, Result], ratios: Mapping[str, NDArray[np.float
     lines.append(["ideal, told", f"{ideal:.2f}", f"{told.mean() / ideal:.2f}", *after, "-"])
     seconds = [f"second {i + 1}" for i in range(len(ratios["fine rig, learning"]) - PERIODS_BEFORE)]
     return Table(
-        ("fine rig", "before, mN", *seconds, "next insertion, at 80 mN/µm, mN"),
+        ("fine rig", "before, mN", *seconds, "next insertions, at 80 mN/µm, mN"),
         lines,
         "Mean force before the change, and after it as a share of that. Told is the analytic controller that knows the "
         "stiffness of 120 mN/µm from the start, as a share of the same at 80 mN/µm: what there is to gain.",
