@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import ClassVar
 
 import pytest
+import torch
 from click.testing import CliRunner
 from precision_interaction.reproduce import command, dependencies, store
 from precision_interaction.reproduce.command import measure_missing, reproduce
@@ -82,6 +83,21 @@ def test_a_changed_file_or_scale_has_everything_measured_again(setting: Setting,
         changed = Store(tmp_path, Toy(), setting)
         assert changed.missing() == ["one", "two"]
         measure_missing([changed], setting, jobs=1)
+
+
+def test_a_cell_has_one_thread_also_where_there_is_one_process(
+    setting: Setting, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Toy, "measure", lambda self, cell, setting: {"threads": torch.get_num_threads()})
+    threads = torch.get_num_threads()
+    torch.set_num_threads(2)
+    try:
+        store = Store(tmp_path, Toy(), setting)
+        measure_missing([store], setting, jobs=1)
+        assert {found["threads"] for found in store.results().values()} == {1}
+        assert torch.get_num_threads() == 2
+    finally:
+        torch.set_num_threads(threads)
 
 
 def test_a_row_of_one_version_is_whole_and_of_two_is_not(setting: Setting, tmp_path: Path) -> None:

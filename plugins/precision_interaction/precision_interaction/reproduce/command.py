@@ -93,8 +93,15 @@ def measure_missing(stores: Sequence[Store], setting: Setting, jobs: int) -> Non
 
 
 def _here(waiting: Sequence[Waiting], setting: Setting) -> Iterator[tuple[Waiting, Measured]]:
-    for one in waiting:
-        yield one, _measure(type(one[0].row), one[1], setting)
+    import torch
+
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)  # as in other processes: sums of several threads may differ in their last bits
+    try:
+        for one in waiting:
+            yield one, _measure(type(one[0].row), one[1], setting)
+    finally:
+        torch.set_num_threads(threads)
 
 
 def _side_by_side(waiting: Sequence[Waiting], setting: Setting, jobs: int) -> Iterator[tuple[Waiting, Measured]]:
