@@ -217,5 +217,5 @@ def _pareto(chosen: Sequence[Training], results: Mapping[str, Result]) -> Callab
 
 
 PAGE = Page(
-    Ppo(), title="Fine-tuning the joined brain by PPO", paper="Eq. 3, 13, Sec. IV-D", minutes=35, present=present
+    Ppo(), title="Fine-tuning the joined brain by PPO", paper="Eq. 3, 13, Sec. IV-D", minutes=30, present=present
 )
