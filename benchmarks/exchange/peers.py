@@ -8,7 +8,7 @@ import contextlib
 import io
 import logging
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 import torch
@@ -21,22 +21,21 @@ Peer = Callable[[Any, Tensor], dict[str, Tensor]]
 
 @torch.no_grad()
 def snntorch(graph: Any, inputs: Tensor) -> dict[str, Tensor]:
-    """Run in snnTorch.
+    """Run the nodes of snnTorch, wired by nirtorch.
 
-    Its own importer cannot read a graph with recurrence together with nirtorch 2.6, as it puts a graph into the graph
-    for it; its nodes in nirtorch's wiring can.
+    Its own importer gives other spikes where there is recurrence: it puts a graph into the graph.
     """
     import nir
     import nirtorch
     from snntorch.import_nir import _nir_to_snntorch_module
 
     def convert(node: Any) -> nn.Module:
-        module: nn.Module = _nir_to_snntorch_module(node, init_hidden=True)
+        with contextlib.redirect_stdout(io.StringIO()):  # it prints what it scales
+            module: nn.Module = _nir_to_snntorch_module(node, init_hidden=True)
         return module
 
-    with contextlib.redirect_stdout(io.StringIO()):  # it prints what it scales
-        model = nirtorch.nir_to_torch(graph, {kind: convert for kind in (nir.Linear, nir.Affine, nir.LIF)})
-    return _stepped(model, graph, inputs)
+    kinds = (nir.Linear, nir.Affine, nir.LIF)
+    return _stepped(nirtorch.nir_to_torch(graph, dict.fromkeys(kinds, convert)), graph, inputs)
 
 
 @torch.no_grad()
@@ -52,24 +51,53 @@ def snntorch_importer(graph: Any, inputs: Tensor) -> dict[str, Tensor]:
 @torch.no_grad()
 def spikingjelly(graph: Any, inputs: Tensor) -> dict[str, Tensor]:
     """Run in SpikingJelly."""
-    from spikingjelly.activation_based.nir_exchange import import_from_nir
+    with _quiet():
+        from spikingjelly.activation_based.nir_exchange import import_from_nir
 
-    return _stepped(import_from_nir(graph, dt=STEP_S), graph, inputs)
+        model = import_from_nir(graph, dt=STEP_S)
+    return _stepped(model, graph, inputs)
 
 
 @torch.no_grad()
 def norse(graph: Any, inputs: Tensor) -> dict[str, Tensor]:
-    """Run in Norse."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
+    """Run the nodes of Norse, wired by nirtorch.
+
+    Its own importer gives other spikes where a population reads several nodes: some of them arrive a step late.
+    """
+    import nir
+    import nirtorch
+
+    with _quiet():
+        from norse.torch.utils.import_nir import _import_norse_module
+
+    def convert(node: Any) -> nn.Module:
+        module: nn.Module = _import_norse_module(node, dt=STEP_S)
+        return module
+
+    kinds = (nir.Linear, nir.Affine, nir.LIF)
+    return _stepped(nirtorch.nir_to_torch(graph, dict.fromkeys(kinds, convert)), graph, inputs)
+
+
+@torch.no_grad()
+def norse_importer(graph: Any, inputs: Tensor) -> dict[str, Tensor]:
+    """Run in Norse by its own importer, for graphs in which every population reads one node, and perhaps itself."""
+    with _quiet():
         from norse.torch import from_nir
 
+        model = from_nir(graph, dt=STEP_S)
+    return _stepped(model, graph, inputs)
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep a library's warnings about itself from the screen."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
         logging.disable(logging.WARNING)
         try:
-            model = from_nir(graph, dt=STEP_S)
+            yield
         finally:
             logging.disable(logging.NOTSET)
-    return _stepped(model, graph, inputs)
 
 
 def _stepped(model: nn.Module, graph: Any, inputs: Tensor) -> dict[str, Tensor]:
@@ -91,4 +119,10 @@ def _stepped(model: nn.Module, graph: Any, inputs: Tensor) -> dict[str, Tensor]:
     return {name: torch.stack(trains) for name, trains in heard.items()}
 
 
-PEERS: dict[str, Peer] = {"snnTorch": snntorch, "SpikingJelly": spikingjelly, "Norse": norse}
+PEERS: dict[str, Peer] = {
+    "snnTorch": snntorch,
+    "snnTorch's importer": snntorch_importer,
+    "SpikingJelly": spikingjelly,
+    "Norse": norse,
+    "Norse's importer": norse_importer,
+}
