@@ -58,9 +58,7 @@ def export_command(file: Path, overrides: tuple[str, ...], region: str | None, o
 @click.command("import")
 @file_argument
 @click.option("--out", type=click.Path(path_type=Path, dir_okay=False), help="The YAML file to write.")
-@click.option(
-    "--dt", metavar="TIME", help="The time step of the network. Default: what the file notes, or 0.1 ms."
-)
+@click.option("--dt", metavar="TIME", help="The time step of the network. Default: what the file notes, or 0.1 ms.")
 def import_command(file: Path, out: Path | None, dt: str | None) -> None:
     """Turn a NIR file into a region and an experiment that runs it.
 

@@ -1,8 +1,8 @@
 """From a graph of NIR to layers: who excites whom, with which weights."""
 
+import re
 from dataclasses import dataclass
 from graphlib import CycleError, TopologicalSorter
-import re
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,11 +74,12 @@ def _drives(graph: Graph, name: str) -> dict[str, str]:
                 name, kind(node), f"`{synapses}` leads to it without weights", "put a Linear node between them"
             )
         before = graph.into(synapses)
+        said = " and ".join(f"`{each}`" for each in before) or "nothing"
         if len(before) != 1 or kind(graph.nodes[before[0]]) not in (*NEURONS, "Input"):
             raise refusal(
                 synapses,
                 kind(graph.nodes[synapses]),
-                f"it reads {' and '.join(f'`{each}`' for each in before) or 'nothing'}, where the spikes of one node are wanted",
+                f"it reads {said}, where the spikes of one node are wanted",
                 "give each source weights of its own, and join those that follow one another",
             )
         drives[synapses] = before[0]
@@ -128,7 +129,9 @@ def _population(
         if kind(node) == "Affine":
             extra = _finite(synapses, "Affine", "bias", node.bias)
             if extra.size not in (1, neurons):
-                raise refusal(synapses, "Affine", f"`bias` is of {extra.shape}, {(neurons,)} is needed", "export it again")
+                raise refusal(
+                    synapses, "Affine", f"`bias` is of {extra.shape}, {(neurons,)} is needed", "export it again"
+                )
             bias += extra.reshape(-1)
         if source == name:
             recurrent = matrix
@@ -166,7 +169,7 @@ def _names(nodes: list[str]) -> dict[str, str]:
     """Return a name for each population that can stand in a file; the first node is the Input."""
     names = {nodes[0]: INPUTS}
     for node in nodes[1:]:
-        name = re.sub(r"\W", "_", re.sub(r"[._](lif|if)$", "", node), flags=re.ASCII)
+        name = re.sub(r"\W", "_", re.sub(r"[._](lif|if)$", "", node), flags=re.ASCII).strip("_")
         name = name if re.match(r"[A-Za-z]", name) else f"layer_{name}"
         while name in names.values():
             name += "_"

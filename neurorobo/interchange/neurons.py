@@ -70,7 +70,9 @@ def from_node(name: str, node: Any, step_s: float) -> Membrane:
         if not np.isfinite(value).all():
             raise refusal(name, kind, f"`{key}` holds a value that is not a number", "export it again")
     if np.ndim(node.v_threshold) != 1:
-        raise refusal(name, kind, f"it is of the shape {np.shape(node.v_threshold)}", "flatten it: populations are rows")
+        raise refusal(
+            name, kind, f"it is of the shape {np.shape(node.v_threshold)}", "flatten it: populations are rows"
+        )
     leak = values.get("v_leak", values["v_reset"])
     thresholds = values["v_threshold"] - leak
     if not np.allclose(values["v_reset"], leak, atol=TOLERANCE * np.abs(thresholds).max()):

@@ -1,6 +1,7 @@
 """Reading a file of NIR: everything that can be wrong with it is told by the name of the node."""
 
 import json
+import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -136,7 +137,9 @@ def _flattened(graph: Any, prefix: str = "") -> tuple[dict[str, Any], frozenset[
     for source, target in edges:
         for end in (source, target):
             if end not in nodes:
-                raise NeuroroboError(f"an edge leads from `{source}` to `{target}`, and there is no `{end}`; export it again")
+                raise NeuroroboError(
+                    f"an edge leads from `{source}` to `{target}`, and there is no `{end}`; export it again"
+                )
     return nodes, frozenset(edges)
 
 
@@ -151,9 +154,10 @@ def _without(door: str, edges: Iterable[tuple[str, str]]) -> Iterator[tuple[str,
 
 def width_of(name: str, node: Any) -> int:
     """Return the channels of an Input or Output; a NeuroroboError unless they are in a row."""
-    shape = np.ravel(node.input_type["input"])
-    if shape.size != 1 or shape[0] < 1:
+    shape = np.ravel(node.input_type["input"]).tolist()
+    width = max(shape, default=0)
+    if width < 1 or math.prod(shape) != width:  # a dimension of 1, such as a batch of one, says nothing
         raise NeuroroboError(
-            f"the node `{name}` ({kind(node)}) is of the shape {tuple(shape.tolist())}; populations are rows here, flatten it"
+            f"the node `{name}` ({kind(node)}) is of the shape {tuple(shape)}; populations are rows here, flatten it"
         )
-    return int(shape[0])
+    return int(width)
