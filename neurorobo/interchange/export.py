@@ -103,7 +103,7 @@ def _membrane(name: str, layer: Layer) -> Membrane:
         raise NeuroroboError(f"the neurons of its layer `{name}` are of the model {type(neuron).__name__}, not LIF")
     if neuron.rectify:
         raise NeuroroboError(
-            f"the neurons of its layer `{name}` are spiking neural units, whose potential is rectified; NIR has none such"
+            f"the neurons of its layer `{name}` are spiking neural units, whose potential is rectified; NIR has none"
         )
     own = layer.threshold
     thresholds = np.full(layer.neurons, neuron.threshold) if own is None else own.detach().double().numpy()
