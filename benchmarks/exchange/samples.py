@@ -25,13 +25,12 @@ def network(layers: dict[str, Any], seed: int, **settings: Any) -> Network:
     region = Network(config, CLOCK, torch.Generator().manual_seed(seed))
     generator = torch.Generator().manual_seed(seed)
     with torch.no_grad():
-        for name, layer in region.parameter_groups().items():
+        for name, layer in circuit(region).layers.items():
             if config.layers[name].bias:
-                layer.get_parameter(f"projections.{len(layer.projections) - 1}.weight").uniform_(  # type: ignore[arg-type]
-                    -0.3, 0.3, generator=generator
-                )
-            if config.layers[name].own_thresholds:
-                layer.get_parameter("threshold").uniform_(0.1, 1.0, generator=generator)
+                *_, projection = layer.projections
+                projection.get_parameter("weight").uniform_(-0.3, 0.3, generator=generator)
+            if layer.threshold is not None:
+                layer.threshold.uniform_(0.1, 1.0, generator=generator)
     return region.eval()
 
 

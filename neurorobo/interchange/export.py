@@ -138,7 +138,8 @@ def _synapses(name: str, layer: Layer, wiring: Wiring, channels: int) -> Iterato
 
 def _notes(region: Region, wiring: Wiring, membranes: Mapping[str, Membrane], registry: Registry) -> dict[str, Any]:
     """Return what NIR has no words for: steps, windows, quantities, codes, exact thresholds, whose state is kept."""
-    inputs, channel = {}, 0
+    inputs: dict[str, Any] = {}
+    channel = 0
     for name, port in region.input_ports.items():
         inputs[name] = _quantity(port, list(range(channel, channel := channel + port.channels)), registry)
     return {
@@ -164,7 +165,7 @@ def _quantity(port: Port, channels: list[int], registry: Registry) -> dict[str, 
     """Return a port and its channels in the Input or Output; without a code if no file of ours can say it."""
     code = port.code
     assert code is not None
-    said = {"unit": port.unit, "width": port.width, "lo": code.lo, "hi": code.hi, "channels": channels}
+    said: dict[str, Any] = {"unit": port.unit, "width": port.width, "lo": code.lo, "hi": code.hi, "channels": channels}
     name = re.sub(r"(?<!^)(?=[A-Z])", "_", type(code).__name__).lower()
     if f"core.{name}" in registry.names("code"):
         config = registry.get("code", name)(neurons=code.neurons)

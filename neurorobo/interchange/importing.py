@@ -137,7 +137,7 @@ def _ports(noted: object, channels: int) -> dict[str, dict[str, Any]] | None:
             if said["channels"][0] == next_channel:
                 ports[name] = _port(said, len(said["channels"]))
                 next_channel = said["channels"][-1] + 1
-    except (AttributeError, KeyError, TypeError, IndexError, NeuroroboError):  # no notes, or not ours
+    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError, NeuroroboError):  # none, or not ours
         return None
     return ports if next_channel == channels else None
 

@@ -67,7 +67,8 @@ def _only(graph: Graph, wanted: str) -> str:
 
 def _drives(graph: Graph, name: str) -> dict[str, str]:
     """Return the synapses that lead to a population, and what each reads."""
-    node, drives = graph.nodes[name], {}
+    node = graph.nodes[name]
+    drives: dict[str, str] = {}
     for synapses in graph.into(name):
         if kind(graph.nodes[synapses]) not in SYNAPSES:
             raise refusal(
@@ -122,7 +123,9 @@ def _population(
                 f"its weights are of {sizes[synapses]}, and from `{source}` to `{name}` {wanted} are needed",
                 "export it again",
             )
-    weights, recurrent, bias = [], None, np.zeros(neurons, np.float32)
+    weights: list[tuple[str, Matrix]] = []
+    recurrent: Matrix | None = None
+    bias: Matrix = np.zeros(neurons, np.float32)
     for synapses, source in drives.items():
         node = graph.nodes[synapses]
         matrix = _finite(synapses, kind(node), "weight", node.weight)

@@ -69,7 +69,7 @@ def from_node(name: str, node: Any, step_s: float) -> Membrane:
     for key, value in values.items():
         if not np.isfinite(value).all():
             raise refusal(name, kind, f"`{key}` holds a value that is not a number", "export it again")
-    if np.ndim(node.v_threshold) != 1:
+    if np.ndim(node.v_threshold) > 1:  # a number alone is that of all neurons
         raise refusal(
             name, kind, f"it is of the shape {np.shape(node.v_threshold)}", "flatten it: populations are rows"
         )

@@ -90,12 +90,17 @@ def read_graph(path: Path) -> Graph:
         raise NeuroroboError(f"{path} is no whole file of NIR ({error}); export it again") from None
     if kind(graph) != "NIRGraph":
         raise NeuroroboError(f"{path} holds a node and no graph; export the graph that it is part of")
-    nodes, edges = _flattened(graph)
+    return Graph(*_flattened(graph), _notes(graph.metadata))
+
+
+def _notes(metadata: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return our notes; none if they are not ours."""
     try:
-        notes = json.loads(graph.metadata.get(NOTES, "{}"))
-    except (TypeError, ValueError):
-        notes = {}
-    return Graph(nodes, edges, notes if isinstance(notes, dict) else {})
+        notes = json.loads(metadata.get(NOTES, "{}"))
+        parts = [said for key in ("inputs", "outputs", "layers") for said in notes[key].values()]
+    except (AttributeError, KeyError, TypeError, ValueError):
+        return {}
+    return notes if all(isinstance(part, dict) for part in parts) else {}
 
 
 def _check_kinds(path: Path, name: str, group: Any) -> None:
