@@ -23,6 +23,7 @@ from neurorobo.neurons import spiking_neural_unit
 from neurorobo.plugins import Registry
 from neurorobo.regions.network import Network
 from neurorobo.regions.network_config import NetworkConfig
+from neurorobo.regions.weights import to_grid
 from neurorobo.testing import check_region
 
 REGISTRY = Registry.discover()
@@ -32,9 +33,14 @@ OWN = {
 }
 
 
+@torch.no_grad()
 def cerebellum() -> Cerebellum:
+    """A small cerebellum with weights on a grid, as shipped ones are, so that sums are exact in any order."""
     config = CerebellumConfig(period="control", granule_cells=60, purkinje_cells=40)
-    return Cerebellum(config, CLOCK, torch.Generator().manual_seed(1)).eval()
+    region = Cerebellum(config, CLOCK, torch.Generator().manual_seed(1)).eval()
+    for parameter in region.parameters():
+        parameter.copy_(to_grid(parameter))
+    return region
 
 
 @pytest.mark.parametrize("build", [*NETWORKS.values(), lambda seed: network(OWN, seed)], ids=[*NETWORKS, "thresholds"])
