@@ -85,7 +85,7 @@ def from_node(name: str, node: Any, step_s: float) -> Membrane:
         if (values["tau"] <= 0).any():
             raise refusal(name, kind, "it has a time constant that is not positive", "choose positive ones")
         decays = 1 - step_s / values["tau"]
-        decay = _rounded(float(decays[0]), node.tau)
+        decay = _rounded(float(decays[0]), node.tau) if abs(decays[0]) > TOLERANCE else 0.0  # and not just below zero
         if np.abs(decays - decays[0]).max() > TOLERANCE:
             raise refusal(
                 name, kind, "its neurons have several time constants", "make it a node for each, ours have one"

@@ -93,19 +93,19 @@ def test_a_region_of_a_plugin_comes_back_with_its_ports_and_its_spikes(tmp_path:
     network = imported.region
     assert network.input_ports.keys() == region.input_ports.keys()
     assert [*network.output_ports] == ["move", "residual"]
-    for name, port in {**network.input_ports, **network.output_ports}.items():
-        other = {**region.input_ports, **region.output_ports}[name]
-        assert (port.code, port.unit, port.width) == (other.code, other.unit, other.width)
+    for theirs, ours in ((network.input_ports, region.input_ports), (network.output_ports, region.output_ports)):
+        for name, port in theirs.items():
+            assert (port.code, port.unit, port.width) == (ours[name].code, ours[name].unit, ours[name].width)
     inputs = spikes(region, 50, 2, seed=0)
     ports = dict(
         zip(region.input_ports, inputs.split([p.channels for p in region.input_ports.values()], -1), strict=True)
     )
     with torch.no_grad():
-        ours, _ = region.step(ports, region.init_state(2))
-        theirs, _ = network.step(ports, network.init_state(2))
-    assert torch.equal(ours["move"], theirs["move"])
-    assert torch.equal(ours["residual"], theirs["residual"])
-    assert 0.05 < ours["move"].mean() < 0.95
+        before, _ = region.step(ports, region.init_state(2))
+        after, _ = network.step(ports, network.init_state(2))
+    assert torch.equal(before["move"], after["move"])
+    assert torch.equal(before["residual"], after["residual"])
+    assert 0.05 < before["move"].mean() < 0.95
 
 
 def test_an_imported_network_is_validated_run_and_trained_like_any_region(tmp_path: Path) -> None:
