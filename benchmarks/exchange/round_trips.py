@@ -85,7 +85,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         for name, region, seed in regions(arguments.seeds):
             shipped = name in SHIPPED
-            inputs = spikes(region, steps=50 if shipped else 200, batch=2 if shipped else 4, seed=seed)
+            inputs = spikes(region, steps=50 if shipped else 200, batch=4, seed=seed)
             for library, result in compared(region, inputs, Path(folder) / "network.nir", registry):
                 found.setdefault((name, library), []).append(result)
     missed = False
