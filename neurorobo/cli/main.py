@@ -8,6 +8,7 @@ import click
 import neurorobo
 from neurorobo.cli.compare import compare
 from neurorobo.cli.doctor import doctor
+from neurorobo.cli.exchange import export_command, import_command
 from neurorobo.cli.exit_codes import BAD_INPUT, INTERRUPTED
 from neurorobo.cli.inspect import graph, plan, plugins, schema, validate
 from neurorobo.cli.run import run
@@ -64,7 +65,20 @@ def cli() -> None:
     """
 
 
-for command in (run, train, compare, view, validate, plan, graph, plugins, schema, doctor):
+for command in (
+    run,
+    train,
+    compare,
+    view,
+    validate,
+    plan,
+    graph,
+    export_command,
+    import_command,
+    plugins,
+    schema,
+    doctor,
+):
     cli.add_command(command)
 
 

@@ -14,6 +14,12 @@ def neurorobo_register(registry: Registrar) -> None:
         "neurorobo.regions.feedforward_config:FeedforwardConfig",
         "spiking layers from any inputs to any outputs, of any neuron and code",
     )
+    registry.add(
+        "region",
+        "core.network",
+        "neurorobo.regions.network_config:NetworkConfig",
+        "spiking layers by name, each of its own neurons and sources, recurrent or not",
+    )
     registry.add("neuron", "core.lif", "neurorobo.neurons.config:LIFConfig", "leaky integrate-and-fire, iterative")
     registry.add(
         "neuron",

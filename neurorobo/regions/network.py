@@ -1,0 +1,62 @@
+"""A network that is written down layer by layer."""
+
+from collections.abc import Mapping
+
+import torch
+from torch import Tensor, nn
+
+from neurorobo.clock import Clock
+from neurorobo.engine import Circuit, Layer
+from neurorobo.engine.circuit import Reads
+from neurorobo.regions.network_config import INPUTS, NetworkConfig
+from neurorobo.regions.region import Probe, Region, State
+from neurorobo.synapses import Dense
+
+ALWAYS = "1"
+"""The circuit's input that fires in every step: the source of constant currents. No port has such a name."""
+
+_PREFIX = "layer_"  # torch refuses the names of a module's own attributes, such as `train`
+
+
+class Network(Region):
+    """The layers of its configuration, each a parameter group of that name."""
+
+    config: NetworkConfig
+
+    def __init__(self, config: NetworkConfig, clock: Clock, generator: torch.Generator) -> None:
+        super().__init__(config, clock, generator)
+        inputs = tuple(self.input_ports)
+        sizes = {INPUTS: sum(port.channels for port in self.input_ports.values())}
+        self.layers = nn.ModuleDict()
+        stages: dict[str, tuple[Layer, list[Reads]]] = {}
+        for name, layer in config.layers.items():
+            projections = [Dense(sizes[read], layer.neurons, generator, gain=config.gain) for read in layer.reads]
+            reads: list[Reads] = [inputs if read == INPUTS else read for read in layer.reads]
+            if layer.bias:
+                projections.append(Dense(1, layer.neurons, generator, gain=0.0))
+                reads.append(ALWAYS)
+            recurrent = Dense(layer.neurons, layer.neurons, generator, gain=0.5) if layer.recurrent else None
+            built = Layer(projections, layer.neuron.build(), recurrent, trainable_threshold=layer.own_thresholds)
+            self.layers[_PREFIX + name] = built
+            stages[name] = (built, reads)
+            sizes[name] = layer.neurons
+        self._last = [*stages][-1]
+        self._circuit = Circuit([*inputs, ALWAYS], stages)
+
+    def init_state(self, batch: int) -> State:
+        """Return the states of all layers at rest."""
+        return {name: layer.at_rest(batch) for name, layer in self._circuit.layers.items()}
+
+    def step(
+        self, inputs: Mapping[str, Tensor], state: State, probe: Probe | None = None
+    ) -> tuple[dict[str, Tensor], State]:
+        """Run one window."""
+        some = next(iter(inputs.values()))
+        ones = some.new_ones((*some.shape[:2], 1))
+        spikes, after = self._circuit({**inputs, ALWAYS: ones}, state, [self._last], probe)
+        parts = spikes[self._last].split([port.channels for port in self.output_ports.values()], dim=-1)
+        return dict(zip(self.output_ports, parts, strict=True)), after
+
+    def parameter_groups(self) -> Mapping[str, nn.Module]:
+        """Return the layers by name."""
+        return dict(self._circuit.layers)
