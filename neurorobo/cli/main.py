@@ -10,6 +10,7 @@ from neurorobo.cli.compare import compare
 from neurorobo.cli.doctor import doctor
 from neurorobo.cli.exit_codes import BAD_INPUT, INTERRUPTED
 from neurorobo.cli.inspect import graph, plan, plugins, schema, validate
+from neurorobo.cli.new import new
 from neurorobo.cli.run import run
 from neurorobo.cli.train import train
 from neurorobo.cli.view import view
@@ -64,7 +65,7 @@ def cli() -> None:
     """
 
 
-for command in (run, train, compare, view, validate, plan, graph, plugins, schema, doctor):
+for command in (run, train, compare, view, validate, plan, graph, plugins, new, schema, doctor):
     cli.add_command(command)
 
 
