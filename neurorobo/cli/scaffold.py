@@ -43,7 +43,7 @@ SORTS = {
     "command": Sort("prints the ports of an experiment's regions", ""),
 }
 COMES_WITH = {"data": "region", "task": "body"}
-"""Kinds that are made with another one, as they are of no use without it."""
+"""Kinds that are of no use without another one, and are made together with it."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,8 @@ def sort_of(kind: str) -> Sort:
     if kind in SORTS:
         return SORTS[kind]
     if kind in COMES_WITH:
-        raise NeuroroboError(f"a {kind} is made together with a {COMES_WITH[kind]}: `neurorobo new {COMES_WITH[kind]}`")
+        other = COMES_WITH[kind]
+        raise NeuroroboError(f"a template of `{kind}` comes with that of a {other}: `neurorobo new {other}` makes both")
     if kind in KINDS:
         raise NeuroroboError(f"there is no template of a {kind}; there are: {', '.join(SORTS)}")
     raise NeuroroboError(f"there is no kind `{kind}`{did_you_mean(kind, SORTS)}")
