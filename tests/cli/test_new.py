@@ -1,4 +1,4 @@
-"""`neurorobo new`: what it makes passes its own tests and this repository's checks; mistakes are told with their cure."""
+"""`neurorobo new` makes what passes its own tests and the checks of this repository, and tells what cannot be."""
 
 import os
 import shlex
