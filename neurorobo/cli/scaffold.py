@@ -1,5 +1,6 @@
 """A plugin to begin with: the names that it may have, and its files, rendered from templates."""
 
+import builtins
 import keyword
 import os
 import re
@@ -161,8 +162,10 @@ def _fault(kind: str, names: Names, registry: Registry) -> str | None:
     for word in (names.prefix, names.name):
         if len(word) > LONGEST:
             return f"`{word}` is longer than {LONGEST} letters"
-        if keyword.iskeyword(word) or keyword.iskeyword(names.camel):
-            return f"`{word}` is a word of the Python language"
+        if keyword.iskeyword(word) or word == "null":
+            return f"`{word}` is a word of Python or YAML"
+    if hasattr(builtins, names.camel):
+        return f"its class would be called `{names.camel}`, which is a word of Python"
     if names.prefix in {plugin.name for plugin in registry.plugins()}:
         return f"`{names.prefix}` is the prefix of a plugin that is installed"
     if names.prefix in sys.stdlib_module_names:
@@ -172,8 +175,9 @@ def _fault(kind: str, names: Names, registry: Registry) -> str | None:
         return f"`{names.prefix}` is a module that is installed"
     if _is_distribution(names.distribution):
         return f"`{names.distribution}` is a package that is installed"
-    if any(re.search(rf"\b{names.camel}(Config)?\b", text) for text in _templates(kind).values()):
-        return f"its class would be called `{names.camel}`, which the template uses for something else"
+    imported = re.compile(rf"^from .* import .*\b{names.camel}(Config|Phase)?\b", re.MULTILINE)
+    if any(imported.search(text) for text in _templates(kind).values()):
+        return f"its class would be called `{names.camel}`, as one that it needs is"
     return None
 
 
