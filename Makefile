@@ -11,6 +11,7 @@ TORCH_INDEX ?=
 BIN := .venv/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 PLUGINS := $(wildcard plugins/*/pyproject.toml)
+TEMPLATES := region neuron code rule body command
 SANITIZERS := -fsanitize=address,undefined -fno-sanitize-recover=all -fno-omit-frame-pointer
 
 .DEFAULT_GOAL := help
@@ -36,10 +37,13 @@ sanitize: .venv/.installed-dev ## run the tests with the C code under the addres
 	LD_PRELOAD="$$($(CC) -print-file-name=libasan.so) $$($(CC) -print-file-name=libstdc++.so)" ASAN_OPTIONS=detect_leaks=0 \
 	  NEUROROBO_LIBRARIES='$(CURDIR)/build/sanitized/neurorobo/engine' NEUROROBO_ENGINE=native NEUROROBO_FUZZ=100 $(BIN)/pytest
 
-check: .venv/.installed-dev ## lint, types, layers, schema, examples and documentation
+check: .venv/.installed-dev ## lint, types (also of what `neurorobo new` makes), layers, schema, examples and documentation
 	$(BIN)/ruff check
 	$(BIN)/ruff format --check
 	$(BIN)/mypy
+	rm -rf build/new
+	for kind in $(TEMPLATES); do $(BIN)/neurorobo new $$kind try_$$kind --out build/new/$$kind >/dev/null || exit 1; done
+	$(BIN)/mypy build/new
 	$(BIN)/lint-imports
 	$(BIN)/neurorobo schema --check docs/schema/experiment.schema.json
 	$(BIN)/neurorobo validate examples/*.yaml

@@ -11,6 +11,7 @@ from neurorobo.cli.doctor import doctor
 from neurorobo.cli.exchange import export_command, import_command
 from neurorobo.cli.exit_codes import BAD_INPUT, INTERRUPTED
 from neurorobo.cli.inspect import graph, plan, plugins, schema, validate
+from neurorobo.cli.new import new
 from neurorobo.cli.run import run
 from neurorobo.cli.train import train
 from neurorobo.cli.view import view
@@ -76,6 +77,7 @@ for command in (
     export_command,
     import_command,
     plugins,
+    new,
     schema,
     doctor,
 ):
