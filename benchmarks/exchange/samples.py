@@ -10,9 +10,9 @@ from neurorobo.clock import Clock
 from neurorobo.config.plugged_reader import validation_context
 from neurorobo.engine import Circuit
 from neurorobo.plugins import Registry
-from neurorobo.regions.network import ALWAYS, Network
-from neurorobo.regions.network_config import NetworkConfig
 from neurorobo.regions.region import Region
+from neurorobo.regions.spiking_network import ALWAYS, Network
+from neurorobo.regions.spiking_network_config import NetworkConfig
 
 CLOCK = Clock({"control": 1_000_000_000}, 1_000_000, 50)
 SOURCES, OUTPUTS = 20, 10

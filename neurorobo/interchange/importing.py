@@ -1,4 +1,4 @@
-"""From a file of NIR to an experiment with a region of the type `network`, and the weights of that region."""
+"""From a file of NIR to an experiment with a region of the type `spiking_network`, and the weights of that region."""
 
 import re
 from collections.abc import Iterable, Iterator, Mapping
@@ -18,8 +18,8 @@ from neurorobo.interchange.layers import Population, populations
 from neurorobo.interchange.neurons import STEP_S
 from neurorobo.interchange.reading import read_graph
 from neurorobo.plugins import Registry
-from neurorobo.regions.network import Network
-from neurorobo.regions.network_config import INPUTS, NetworkConfig
+from neurorobo.regions.spiking_network import Network
+from neurorobo.regions.spiking_network_config import INPUTS, NetworkConfig
 from neurorobo.regions.weights import save_weights
 from neurorobo.units import format_quantity, parse_interval
 
@@ -100,7 +100,7 @@ def _text(
         "episode": {"duration": "1 s"},
         "regions": {
             name: {
-                "type": "network",
+                "type": "spiking_network",
                 "inputs": inputs,
                 "outputs": outputs,
                 "layers": {layer: _layer(population) for layer, population in layers.items()},

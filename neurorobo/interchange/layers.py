@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from neurorobo.errors import NeuroroboError
 from neurorobo.interchange.neurons import Membrane, from_node, refusal, to_node
 from neurorobo.interchange.reading import NEURONS, SYNAPSES, Graph, kind, width_of
-from neurorobo.regions.network_config import INPUTS
+from neurorobo.regions.spiking_network_config import INPUTS
 
 Matrix = NDArray[np.float32]
 

@@ -16,8 +16,8 @@ def neurorobo_register(registry: Registrar) -> None:
     )
     registry.add(
         "region",
-        "core.network",
-        "neurorobo.regions.network_config:NetworkConfig",
+        "core.spiking_network",
+        "neurorobo.regions.spiking_network_config:NetworkConfig",
         "spiking layers by name, each of its own neurons and sources, recurrent or not",
     )
     registry.add("neuron", "core.lif", "neurorobo.neurons.config:LIFConfig", "leaky integrate-and-fire, iterative")

@@ -21,8 +21,8 @@ from neurorobo.interchange.importing import import_network
 from neurorobo.interchange.library import nir
 from neurorobo.neurons import spiking_neural_unit
 from neurorobo.plugins import Registry
-from neurorobo.regions.network import Network
-from neurorobo.regions.network_config import NetworkConfig
+from neurorobo.regions.spiking_network import Network
+from neurorobo.regions.spiking_network_config import NetworkConfig
 from neurorobo.regions.weights import to_grid
 from neurorobo.testing import check_region
 

@@ -43,9 +43,9 @@ class NetworkConfig(RegionConfig):
     Weights are those of the layers alone: they fit whatever the quantities and codes of the ports are.
     """
 
-    implementation: ClassVar[str] = "neurorobo.regions.network:Network"
+    implementation: ClassVar[str] = "neurorobo.regions.spiking_network:Network"
 
-    type: Literal["network"] = "network"
+    type: Literal["spiking_network"] = "spiking_network"
     receives: dict[Name, CodedPort] = Field(alias="inputs", min_length=1, description="The inputs, by name.")
     sends: dict[Name, CodedPort] = Field(
         alias="outputs", min_length=1, description="The outputs, by name; side by side, they are the last layer."

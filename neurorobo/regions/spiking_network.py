@@ -8,8 +8,8 @@ from torch import Tensor, nn
 from neurorobo.clock import Clock
 from neurorobo.engine import Circuit, Layer
 from neurorobo.engine.circuit import Reads
-from neurorobo.regions.network_config import INPUTS, NetworkConfig
 from neurorobo.regions.region import Probe, Region, State
+from neurorobo.regions.spiking_network_config import INPUTS, NetworkConfig
 from neurorobo.synapses import Dense
 
 ALWAYS = "1"
