@@ -9,9 +9,9 @@ from neurorobo.config.experiment import load_experiment
 from neurorobo.experiment.build import build_brain
 from neurorobo.regions.weights import save_weights
 
+torch.manual_seed(0)
 fc1, lif1 = torch.nn.Linear(784, 1000), snntorch.Leaky(beta=0.95)  # as you have trained them
 fc2, lif2 = torch.nn.Linear(1000, 10), snntorch.Leaky(beta=0.95)
-
 region = build_brain(load_experiment(Path(__file__).with_suffix(".yaml"))).region("classifier")
 with torch.no_grad():
     for layer, theirs in (("hidden", fc1), ("output", fc2)):

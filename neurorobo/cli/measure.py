@@ -28,13 +28,13 @@ def measure(file: Path, overrides: tuple[str, ...], seed: int | None, episodes: 
     check_weights(experiment, build_plan(experiment))
     import torch
 
-    from neurorobo.experiment.measure import measure as measured
+    from neurorobo.experiment.measure import measure_experiment
     from neurorobo.views.progress import RunProgress
 
     torch.set_num_threads(1)
     first = experiment.seed if seed is None else seed
     with RunProgress() as progress:
-        found = measured(experiment, range(first, first + episodes), progress)
+        found = measure_experiment(experiment, range(first, first + episodes), progress)
     if as_json:
         click.echo(json.dumps(found, indent=2))
         return
@@ -47,4 +47,4 @@ def measure(file: Path, overrides: tuple[str, ...], seed: int | None, episodes: 
     console.print(work_table(found))
     for name, region in found["regions"].items():
         if region["not_counted"]:
-            click.echo(f"{name}: not counted: {', '.join(region['not_counted'])}")
+            click.echo(f"not counted in {name}: {', '.join(region['not_counted'])}")

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 from torch import Tensor
@@ -19,7 +19,7 @@ from neurorobo.measures.size import Size, size_of
 from neurorobo.measures.work import Work, WorkMeter
 
 
-def measure(
+def measure_experiment(
     experiment: Experiment,
     seeds: Sequence[int],
     progress: Callable[[int, int], None] = lambda tick, running: None,
@@ -46,26 +46,23 @@ def measure(
                 progress=progress,
             )
     periods = watched.ticks / plan.clock.ticks("control")
-    regions: dict[str, dict[str, Any]] = {}
-    size, work = Size(), Work()
-    for name in brain.names:
-        of_region, of_uses = Work(), {}
-        for use in plan.uses():
-            if use.region == name:
-                of_region.add(watched.work[use.name])
-                of_uses[use.name] = _per_period(watched.work[use.name], periods)
-        region = brain.region(name)
+    sizes = {name: size_of(brain.region(name)) for name in brain.names}
+    works = {
+        name: {use.name: watched.work[use.name] for use in plan.uses() if use.region == name} for name in brain.names
+    }
+    regions: dict[str, Any] = {}
+    for name, of_uses in works.items():
         stored = weights_file(name, experiment).stat().st_size if experiment.regions[name].weights else None
         regions[name] = {
-            **_static(size_of(region), stored),
-            **_per_period(of_region, periods),
+            **_static(sizes[name], stored),
+            **_per_period(sum(of_uses.values(), Work()), periods),
             "not_counted": watched.meters[name].not_counted(),
-            "uses": of_uses,
+            "uses": {use: _per_period(work, periods) for use, work in of_uses.items()},
         }
-        size += size_of(region)
-        work.add(of_region)
-    stored = sum(region["stored"] or 0 for region in regions.values())
-    total = {**_static(size, stored), **_per_period(work, periods)}
+    total = {
+        **_static(sum(sizes.values(), Size()), sum(region["stored"] or 0 for region in regions.values())),
+        **_per_period(sum(watched.work.values(), Work()), periods),
+    }
     return {"seeds": list(seeds), "control_periods": periods, "regions": regions, "total": total}
 
 
@@ -102,25 +99,25 @@ class _WatchedBrain(Brain):
         self, observation: Mapping[str, Tensor], state: BrainState, observer: Observer | None = None
     ) -> tuple[dict[str, Tensor], BrainState]:
         """Run everything that is due, and count it."""
+        assert observer is not None
         self.ticks += 1
         return super().tick(observation, state, _Counting(self, observer))
 
 
-@dataclass
+@dataclass(frozen=True)
 class _Counting:
     """Observes a watched brain, and lets another observe it too."""
 
     brain: _WatchedBrain
-    other: Observer | None
-    heard: dict[str, Tensor] = field(default_factory=dict)
+    other: Observer
 
     def probe(self, use: Use, *, last: bool) -> Probe:
-        """Keep the spikes of each layer of a use."""
-        self.heard = {}
-        other = None if self.other is None else self.other.probe(use, last=last)
+        """Let the meter and the other hear the spikes of a use."""
+        meter = self.brain.meters[use.region]
+        other = self.other.probe(use, last=last)
 
         def hear(layer: str, spikes: Tensor) -> None:
-            self.heard[layer] = spikes
+            meter.hear(layer, spikes)
             if other is not None:
                 other(layer, spikes)
 
@@ -135,11 +132,9 @@ class _Counting:
         numbers: Mapping[str, Tensor],
     ) -> None:
         """Take the counts of a use."""
-        self.brain.work[use.name].add(self.brain.meters[use.region].take(1, inputs, self.heard))
-        if self.other is not None:
-            self.other.used(use, iteration, inputs, outputs, numbers)
+        self.brain.work[use.name] += self.brain.meters[use.region].take(1, inputs)
+        self.other.used(use, iteration, inputs, outputs, numbers)
 
     def saturated(self, edge: Edge, count: Tensor) -> None:
         """Pass it on."""
-        if self.other is not None:
-            self.other.saturated(edge, count)
+        self.other.saturated(edge, count)

@@ -1,6 +1,7 @@
 """What a region takes whether it runs or not: NeuroBench's static metrics."""
 
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
+from operator import add
 
 from neurorobo.measures.connections import connections, fan_out
 from neurorobo.regions.region import Region
@@ -26,12 +27,7 @@ class Size:
 
     def __add__(self, other: "Size") -> "Size":
         """Return the size of both."""
-        return Size(
-            self.parameter_count + other.parameter_count,
-            self.footprint + other.footprint,
-            self.weights + other.weights,
-            self.zeros + other.zeros,
-        )
+        return Size(*map(add, astuple(self), astuple(other)))
 
 
 def size_of(region: Region) -> Size:

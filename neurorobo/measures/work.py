@@ -2,7 +2,8 @@
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, fields, replace
+from dataclasses import astuple, dataclass, replace
+from operator import add
 from typing import Any
 
 import torch
@@ -38,10 +39,9 @@ class Work:
         """The share of neurons and steps without a spike; None if there are no spiking layers."""
         return (self.activations - self.spikes) / self.activations if self.activations else None
 
-    def add(self, other: "Work") -> None:
-        """Add the counts of other windows."""
-        for field in fields(self):
-            setattr(self, field.name, getattr(self, field.name) + getattr(other, field.name))
+    def __add__(self, other: "Work") -> "Work":
+        """Return the counts of both."""
+        return Work(*map(add, astuple(self), astuple(other)))
 
 
 class WorkMeter:
@@ -56,6 +56,7 @@ class WorkMeter:
         self._fan_out = {module: fan_out(module) for module in connections(region)}
         self._biases = set(biases(region))
         self._work = Work()
+        self._heard: dict[str, Tensor] = {}
         self._ran: set[Layer] = set()  # since the counts were last taken
         self._seen: set[Layer] = set()  # ever
 
@@ -74,22 +75,25 @@ class WorkMeter:
             for handle in handles:
                 handle.remove()
 
-    def take(self, windows: int, inputs: Mapping[str, Tensor], heard: Mapping[str, Tensor]) -> Work:
-        """Return what was counted since it was last called: that of ``windows``, given by ``inputs``.
+    def hear(self, layer: str, spikes: Tensor) -> None:
+        """Take the spikes (steps, batch, neurons) of a layer; it is a probe for the region's steps.
 
-        ``heard`` are the spikes (steps, batch, neurons) of each layer that a probe heard. They tell of layers that run
-        apart from the engine, as those that are driven by more than their projections do.
+        It tells of layers that run apart from the engine, as those that are driven by more than their projections do.
         """
-        known = {**inputs, **heard}
+        self._heard[layer] = spikes
+
+    def take(self, windows: int, inputs: Mapping[str, Tensor]) -> Work:
+        """Return what was counted since the last call: that of ``windows`` with these ``inputs``."""
+        known = {**inputs, **self._heard}
         for circuit in circuits(self.region):
             for name, readings in circuit.readings.items():
                 layer, reads = circuit.layers[name], set[str]().union(*readings)
-                if name in heard and layer not in self._ran and reads <= known.keys():
+                if name in self._heard and layer not in self._ran and reads <= known.keys():
                     given = [torch.cat([known[read] for read in group], dim=-1) for group in readings]
-                    self._layer_ran(layer, (given,), {}, (heard[name], None))
+                    self._layer_ran(layer, (given,), {}, (self._heard[name], None))
         work = replace(self._work, windows=windows)
         self._seen |= self._ran
-        self._work, self._ran = Work(), set()
+        self._work, self._heard, self._ran = Work(), {}, set()
         return work
 
     def not_counted(self) -> list[str]:
@@ -130,7 +134,7 @@ class WorkMeter:
     def _count(self, module: Connections, values: Tensor) -> None:
         targets_of, targets = self._fan_out[module]
         nonzero = values != 0
-        effective = int(nonzero.flatten(0, -2).sum(0, dtype=torch.float64) @ targets_of)
+        effective = int(nonzero.reshape(-1, values.shape[-1]).sum(0, dtype=torch.float64) @ targets_of)
         if bool((values.abs()[nonzero] == 1).all()):
             self._work.effective_acs += effective
         else:

@@ -41,7 +41,7 @@ def comparison_table(summaries: Mapping[str, Mapping[str, Any]]) -> Table:
 
 
 def size_table(title: str, found: Mapping[str, Any]) -> Table:
-    """Return what each region takes, of what :func:`neurorobo.experiment.measure.measure` returns."""
+    """Return what each region takes, of what :func:`neurorobo.experiment.measure.measure_experiment` returns."""
     table = Table(title=title, title_justify="left")
     table.add_column("region", no_wrap=True)
     for heading in ("parameters", "footprint, bytes", "stored, bytes", "connection sparsity"):

@@ -40,4 +40,4 @@ def test_a_region_of_which_nothing_is_counted_is_noted(
     short = [f"--set={key}=150 um" for key in ("body.length", "regions.gap.length")]
     code, shown, _ = call(capsys, monkeypatch, "measure", example, *short)
     assert code == 0
-    assert "cerebellum: not counted: what it computes, as it has no spiking layers" in shown
+    assert "not counted in cerebellum: what it computes, as it has no spiking layers" in shown

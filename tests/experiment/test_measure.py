@@ -8,7 +8,7 @@ import pytest
 from neurorobo.config.experiment import Experiment, load_experiment
 from neurorobo.experiment.build import build_brain, build_task
 from neurorobo.experiment.closed_loop import run_episodes
-from neurorobo.experiment.measure import measure
+from neurorobo.experiment.measure import measure_experiment
 from neurorobo.experiment.weights import weights_file
 from neurorobo.plugins import Registry
 from tests.experiment.toys import CART, registry
@@ -27,7 +27,7 @@ def test_the_counts_are_those_of_the_episodes_as_they_run(tmp_path: Path) -> Non
     experiment = cart(tmp_path)
     task = build_task(experiment)
     episodes = [run_episodes(build_brain(experiment), task, [seed])[0] for seed in (3, 4, 5)]
-    found = measure(experiment, [3, 4, 5])
+    found = measure_experiment(experiment, [3, 4, 5])
     durations = [episode.metrics["duration_s"] for episode in episodes]
     assert found["control_periods"] == sum(durations)
     windows = [(duration + 1) // 2 for duration in durations]
@@ -43,7 +43,7 @@ def test_the_counts_are_those_of_the_episodes_as_they_run(tmp_path: Path) -> Non
 
 
 def test_a_region_that_only_computes_says_so(tmp_path: Path) -> None:
-    driver = measure(cart(tmp_path), [3])["regions"]["driver"]
+    driver = measure_experiment(cart(tmp_path), [3])["regions"]["driver"]
     assert driver["not_counted"] == ["what it computes, as it has no spiking layers"]
     assert (driver["parameter_count"], driver["connection_sparsity"], driver["stored"]) == (0, None, None)
     assert (driver["activation_sparsity"], driver["effective_acs"], driver["windows"]) == (None, 0, 1)
@@ -52,7 +52,7 @@ def test_a_region_that_only_computes_says_so(tmp_path: Path) -> None:
 @pytest.fixture(scope="module")
 def insertion() -> tuple[Experiment, dict[str, Any]]:
     experiment = load_experiment(EXAMPLE, SHORT, Registry.discover())
-    return experiment, measure(experiment, [1000])
+    return experiment, measure_experiment(experiment, [1000])
 
 
 def test_the_shipped_brain_by_region_and_use(insertion: tuple[Experiment, dict[str, Any]]) -> None:

@@ -4,8 +4,9 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import pytest
+import snntorch
 import torch
-from samples import NETWORKS, circuit, spikes
+from samples import NETWORKS, circuit, network, spikes
 from torch import Tensor, nn
 
 from neurorobo.engine import Layer
@@ -14,13 +15,14 @@ from neurorobo.neurons import LIF
 from neurorobo.regions.region import Region
 from neurorobo.regions.spiking_network import ALWAYS
 from neurorobo.synapses import Projection
+from tests.measures.toys import Analogue
 from tests.regions.toys import CLOCK, Net, NetConfig
 
 pytest.importorskip("neurobench", reason="NeuroBench is not installed: pip install --no-deps neurobench")
 
 from neurobench.metrics.static import ConnectionSparsity, Footprint, ParameterCount
 from neurobench.metrics.workload import ActivationSparsity, SynapticOperations
-from neurobench.models import NeuroBenchModel
+from neurobench.models import NeuroBenchModel, SNNTorchModel
 
 Wiring = Mapping[str, tuple[Layer, Sequence[Sequence[str]]]]
 STEPS, BATCH = 20, 4
@@ -136,7 +138,7 @@ def measured(region: Region, windows: Sequence[Mapping[str, Tensor]]) -> Work:
     with meter.watching(), torch.inference_mode():
         for inputs in windows:
             _, state = region.step(inputs, state)
-    return meter.take(BATCH, {}, {})
+    return meter.take(BATCH, {})
 
 
 @torch.no_grad()
@@ -194,11 +196,38 @@ def test_neurobench_weighs_our_regions_as_they_are(name: str) -> None:
     assert size.footprint == Footprint()(Model(region))
 
 
+def test_a_network_of_snntorch_costs_what_it_costs_there() -> None:
+    """NeuroBench runs snnTorch's network, we run it as a region."""
+    leaky = {"neuron": {"type": "snntorch_neuron", "beta": 0.9}, "bias": True}
+    layers = {
+        "hidden": {"neurons": 30, "reads": ["inputs"], **leaky},
+        "output": {"neurons": 10, "reads": ["hidden"], **leaky},
+    }
+    region = network(layers, seed=1)
+    to_grid(region)
+    inputs = inputs_of(region, seed=2)
+    weights, there = list(region.parameters()), {"beta": 0.9, "init_hidden": True}
+    modules = [nn.Linear(20, 30), snntorch.Leaky(**there), nn.Linear(30, 10), snntorch.Leaky(**there, output=True)]
+    for matrix, (weight, bias) in zip(modules[::2], (weights[:2], weights[2:]), strict=True):
+        matrix.weight.data, matrix.bias.data = weight.detach(), bias.detach().flatten()
+    model = SNNTorchModel(nn.Sequential(*modules))
+    model.register_hooks()
+    data = (inputs["x"].transpose(0, 1), None)
+    with torch.no_grad():
+        model(data[0])
+        expected = {
+            "connection sparsity": ConnectionSparsity()(model),
+            "activation sparsity": ActivationSparsity()(model, None, data),
+            **SynapticOperations()(model, None, data),
+        }
+    assert ours(region, measured(region, [inputs])) == expected
+    assert size_of(region).parameter_count == ParameterCount()(model)
+    assert 0.02 < expected["activation sparsity"] < 0.98
+
+
 @pytest.mark.parametrize("spiking", [True, False])
 def test_a_plain_matrix_counts_as_it_does_there(spiking: bool) -> None:
     """It adds where all that it is given is -1, 0 or 1, and multiplies otherwise."""
-    from tests.measures.toys import Analogue
-
     region = Analogue()
     values = torch.tensor([[1.0, 0.0, -1.0], [0.0, 0.0, 1.0]])
     if not spiking:
@@ -206,7 +235,7 @@ def test_a_plain_matrix_counts_as_it_does_there(spiking: bool) -> None:
     meter = WorkMeter(region)
     with meter.watching(), torch.inference_mode():
         region.step({"x": values}, {})
-    work = meter.take(2, {}, {})
+    work = meter.take(2, {})
     model = Model(region)
     model.register_hooks()
     with torch.no_grad():

@@ -21,11 +21,11 @@ RIG = Clock({"control": 10**9, "radial": 10**9}, 10**6, 10)
 
 def count(region: Region, inputs: dict[str, Tensor], state: State | None = None) -> tuple[Work, WorkMeter]:
     """Run one window, and count it."""
-    meter, heard = WorkMeter(region), dict[str, Tensor]()
+    meter = WorkMeter(region)
     batch = next(iter(inputs.values())).shape[1]
     with meter.watching(), torch.inference_mode():
-        region.step(inputs, region.init_state(batch) if state is None else state, heard.__setitem__)
-    return meter.take(batch, inputs, heard), meter
+        region.step(inputs, region.init_state(batch) if state is None else state, meter.hear)
+    return meter.take(batch, inputs), meter
 
 
 def test_a_window_counted_by_hand() -> None:
@@ -77,12 +77,12 @@ def test_a_region_that_is_not_watched_runs_as_it_did() -> None:
         before, _ = region.step(inputs, region.init_state(3))
         with meter.watching():
             during, _ = region.step(inputs, region.init_state(3))
-        counted = meter.take(3, inputs, {})
+        counted = meter.take(3, inputs)
         after, _ = region.step(inputs, region.init_state(3))
     assert torch.equal(before["move"], during["move"])
     assert torch.equal(before["move"], after["move"])
     assert counted.dense > 0
-    assert meter.take(3, inputs, {}) == Work(windows=3)
+    assert meter.take(3, inputs) == Work(windows=3)
 
 
 def spikes_of(region: Region) -> dict[str, Tensor]:
@@ -123,8 +123,6 @@ def test_a_layer_that_nobody_saw_is_named() -> None:
 
 def test_sizes_and_work_add_up() -> None:
     assert Size(1, 2, 3, 4) + Size(10, 20, 30, 40) == Size(11, 22, 33, 44)
-    work = Work(1, 2, 3, 4, 5, 6)
-    work.add(Work(10, 20, 30, 40, 50, 60))
-    assert work == Work(11, 22, 33, 44, 55, 66)
+    assert Work(1, 2, 3, 4, 5, 6) + Work(10, 20, 30, 40, 50, 60) == Work(11, 22, 33, 44, 55, 66)
     assert Work().activation_sparsity is None
     assert Size().connection_sparsity is None
