@@ -121,15 +121,36 @@ def test_two_networks_of_one_neuron_run_side_by_side(build: Callable[[], Any]) -
     assert torch.equal(torch.cat(found), expected)
 
 
-def test_snntorch_itself_resets_other_networks_and_does_not_save_its_state() -> None:
-    """What the page *Coming from snnTorch* says of version 1.0."""
-    one, other = (torch.nn.Sequential(snntorch.Leaky(beta=0.9, init_hidden=True)) for _ in range(2))
-    with torch.no_grad():
-        other(torch.ones(1, 3))
-    assert other[0].mem.any()
+def hidden() -> Any:
+    """A neuron of snnTorch that keeps its membrane to itself."""
+    return snntorch.Leaky(beta=0.9, init_hidden=True)
+
+
+def test_snntorch_itself_resets_too_much_and_too_little_and_does_not_save_its_state() -> None:
+    """This test and the two below: what the page *Coming from snnTorch* says of version 1.0."""
+    one, other, nested = (torch.nn.Sequential(module) for module in (hidden(), hidden(), torch.nn.Sequential(hidden())))
+    for network in (other, nested):
+        network(torch.ones(1, 3))
     assert not [name for name in other.state_dict() if name.endswith("mem")]
+    utils.reset(nested)
+    assert nested[0][0].mem.any()
+    assert other[0].mem.any()
     utils.reset(one)
     assert not other[0].mem.any()
+
+
+def test_snntorch_itself_keeps_the_graph_of_a_training_step() -> None:
+    neuron, weight = hidden(), torch.ones(1, requires_grad=True)
+    neuron(weight * torch.ones(1, 3)).sum().backward()
+    with pytest.raises(RuntimeError, match="backward through the graph a second time"):
+        neuron(weight * torch.ones(1, 3)).sum().backward()
+
+
+def test_the_sigmoid_of_snntorch_has_no_derivative_far_below_the_threshold() -> None:
+    distance = torch.tensor([-1.0, -4.0], requires_grad=True)
+    surrogate.sigmoid()(distance).sum().backward()
+    assert distance.grad is not None
+    assert distance.grad.isnan().tolist() == [False, True]
 
 
 @models
