@@ -2,12 +2,13 @@
 
 from typing import Any
 
+import pytest
 import torch
 from precision_interaction.regions.adaptive_cerebellum import AdaptiveCerebellum
 from precision_interaction.regions.adaptive_cerebellum_config import AdaptiveCerebellumConfig
 from precision_interaction.regions.adaptive_hippocampus import AdaptiveHippocampus
 from precision_interaction.regions.adaptive_hippocampus_config import AdaptiveHippocampusConfig
-from samples import network
+from samples import network, spikes
 from torch import Tensor
 
 from neurorobo.clock import Clock
@@ -58,6 +59,33 @@ def test_a_window_counted_by_hand() -> None:
         parameter_count=80 + 4 + 16 + 40, footprint=4 * 140, weights=80 + 16 + 40, zeros=136 - (4 + 3 + 4)
     )
     assert meter.not_counted() == []
+
+
+@pytest.mark.parametrize(
+    "neuron", [{"type": "lif"}, {"type": "snntorch_neuron", "alpha": 0.5, "beta": 0.5, "class": "Synaptic"}]
+)
+def test_recurrent_synapses_are_given_the_spikes_of_the_step_before(neuron: dict[str, Any]) -> None:
+    """Of the window before, in its first step; of none, from rest, with a state or without."""
+    layers: dict[str, Any] = {
+        "hidden": {"neurons": 30, "reads": ["inputs"], "recurrent": True, "neuron": neuron},
+        "output": {"neurons": 10, "reads": ["hidden"]},
+    }
+    region = network(layers, seed=0)
+    inputs = spikes(region, 20, 2, seed=1)
+    whole, _ = count(region, {"x": inputs})
+    without_state, _ = count(region, {"x": inputs}, {})
+    assert without_state == whole
+    meter, state = WorkMeter(region), region.init_state(2)
+    with meter.watching(), torch.inference_mode():
+        for piece in inputs.split(5):
+            _, state = region.step({"x": piece}, state)
+    assert meter.take(2, {}) == whole
+    fired = []
+    with torch.inference_mode():
+        region.step({"x": inputs}, region.init_state(2), lambda name, trains: fired.append(trains))
+    hidden = fired[0]
+    assert hidden[-1].any()
+    assert whole.effective_acs == inputs.sum() * 30 + hidden[:-1].sum() * 30 + hidden.sum() * 10
 
 
 def test_a_matrix_of_numbers_multiplies_and_what_is_no_matrix_is_named() -> None:
