@@ -11,8 +11,8 @@ Decay = Annotated[float, Field(ge=0, le=1)]
 
 
 def _not_refused(value: object) -> object:
-    if value in REFUSED:
-        raise ValueError(f"{value} cannot be a neuron of a layer: {REFUSED[str(value)]}")
+    if isinstance(value, str) and value in REFUSED:
+        raise ValueError(f"{value} cannot be a neuron of a layer: {REFUSED[value]}")
     return value
 
 

@@ -206,6 +206,7 @@ def test_a_file_says_what_the_constructor_does(settings: dict[str, Any], build: 
         ({"class": "RLeaky", "beta": 0.9}, "its recurrent weights are the layer's here"),
         ({"class": "SLSTM", "beta": 0.9}, "it has weights of its own"),
         ({"class": "StateLeaky", "beta": 0.9}, "it takes a whole window at once"),
+        ({"class": ["Leaky"], "beta": 0.9}, "Input should be 'Leaky'"),
         ({"class": "Leek", "beta": 0.9}, "Input should be 'Leaky', 'Lapicque', 'Synaptic' or 'Alpha'"),
         ({"class": "Synaptic", "beta": 0.9}, "Synaptic needs `alpha`"),
         ({"beta": 0.9, "alpha": 0.9}, "Leaky has no `alpha`"),
