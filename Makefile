@@ -84,4 +84,5 @@ python:
 
 .venv/.installed-dev: .venv/.installed
 	$(PIP) install -c .venv/constraints.txt -e '.[dev]'
+	$(PIP) install -c .venv/constraints.txt --no-deps neurobench # of its dependencies, its metrics need only what is there
 	@touch $@

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
-INSERTIONS = sorted(path.name for path in EXAMPLES.glob("*.yaml") if path.name != "minimal.yaml")
+INSERTIONS = sorted(path.name for path in EXAMPLES.glob("*.yaml") if path.name.startswith(("peg_in_hole", "baseline")))
 
 
 def run(tmp_path: Path, file: str, *options: str) -> dict[str, object]:
@@ -52,6 +52,22 @@ def test_the_minimal_example_spikes_without_a_robot(tmp_path: Path) -> None:
     summary = run(tmp_path, "minimal.yaml")
     assert set(summary["aggregate"]) == {"firing_rate.ping", "firing_rate.pong", "saturations"}  # type: ignore[call-overload]
     assert len((EXAMPLES / "minimal.yaml").read_text().splitlines()) < 25
+
+
+def test_the_network_of_a_tutorial_of_snntorch_fires_the_same_spikes_here(tmp_path: Path) -> None:
+    script = EXAMPLES / "snntorch_tutorial.py"
+    done = subprocess.run([sys.executable, str(script)], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    steps = done.stdout.splitlines()
+    assert len(steps) == 25
+    assert all(step.endswith(" the same") for step in steps)
+    assert any("1" in step for step in steps)
+    assert len(script.read_text().splitlines()) < 30
+    weights = f"regions.classifier.weights={tmp_path / 'snntorch_tutorial.safetensors'}"
+    found = [
+        run(tmp_path / str(seed), "snntorch_tutorial.yaml", "--set", weights, "--seed", str(seed)) for seed in (1, 2)
+    ]
+    assert found[0]["episodes"] != found[1]["episodes"]  # the images are drawn as spikes
 
 
 def test_a_run_can_be_repeated_from_its_folder_bit_for_bit(tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ from neurorobo.cli.doctor import doctor
 from neurorobo.cli.exchange import export_command, import_command
 from neurorobo.cli.exit_codes import BAD_INPUT, INTERRUPTED
 from neurorobo.cli.inspect import graph, plan, plugins, schema, validate
+from neurorobo.cli.measure import measure
 from neurorobo.cli.new import new
 from neurorobo.cli.run import run
 from neurorobo.cli.train import train
@@ -70,6 +71,7 @@ for command in (
     run,
     train,
     compare,
+    measure,
     view,
     validate,
     plan,

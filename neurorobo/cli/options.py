@@ -27,6 +27,13 @@ seed_option = click.option(
     type=click.IntRange(0, LARGEST_SEED),
     help="Seed of the first episode; the next ones follow on. Default: the file's, which also draws untrained weights.",
 )
+episodes_option = click.option(
+    "--episodes",
+    default=1,
+    show_default=True,
+    type=click.IntRange(1),
+    help="How many episodes, with consecutive seeds.",
+)
 out_option = click.option(
     "--out",
     type=click.Path(path_type=Path, file_okay=False),

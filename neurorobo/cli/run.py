@@ -6,20 +6,22 @@ from pathlib import Path
 import click
 
 from neurorobo.cli.exit_codes import EPISODE_FAILED
-from neurorobo.cli.options import file_argument, json_option, out_option, overrides_option, seed_option, typed
+from neurorobo.cli.options import (
+    episodes_option,
+    file_argument,
+    json_option,
+    out_option,
+    overrides_option,
+    seed_option,
+    typed,
+)
 
 
 @click.command()
 @file_argument
 @overrides_option
 @seed_option
-@click.option(
-    "--episodes",
-    default=1,
-    show_default=True,
-    type=click.IntRange(1),
-    help="How many episodes, with consecutive seeds.",
-)
+@episodes_option
 @click.option(
     "--in-a-row",
     is_flag=True,

@@ -28,6 +28,12 @@ def neurorobo_register(registry: Registrar) -> None:
         "integrate-and-fire whose potential is rectified",
     )
     registry.add(
+        "neuron",
+        "core.snntorch_neuron",
+        "neurorobo.neurons.snntorch_neuron_config:SnnTorchNeuronConfig",
+        "a neuron of snnTorch: Leaky, Lapicque, Synaptic or Alpha",
+    )
+    registry.add(
         "code",
         "core.population_uniform",
         "neurorobo.codes.config:PopulationUniformConfig",

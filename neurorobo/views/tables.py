@@ -40,6 +40,39 @@ def comparison_table(summaries: Mapping[str, Mapping[str, Any]]) -> Table:
     return table
 
 
+def size_table(title: str, found: Mapping[str, Any]) -> Table:
+    """Return what each region takes, of what :func:`neurorobo.experiment.measure.measure_experiment` returns."""
+    table = Table(title=title, title_justify="left")
+    table.add_column("region", no_wrap=True)
+    for heading in ("parameters", "footprint, bytes", "stored, bytes", "connection sparsity"):
+        table.add_column(heading, justify="right")
+    for name, region in [*found["regions"].items(), ("total", found["total"])]:
+        counts = (region["parameter_count"], region["footprint"], region["stored"])
+        table.add_row(Text(name), *map(_count, counts), _share(region["connection_sparsity"]))
+    return table
+
+
+def work_table(found: Mapping[str, Any]) -> Table:
+    """Return what each region and each of its uses does in a control period, on average."""
+    periods, seeds = found["control_periods"], found["seeds"]
+    title = f"per control period, of {periods:g} in {len(seeds)} episode{'s' if len(seeds) != 1 else ''}"
+    table = Table(title=title, title_justify="left")
+    table.add_column("region, use", no_wrap=True)
+    for heading in ("windows", "activation sparsity", "effective ACs", "effective MACs", "dense"):
+        table.add_column(heading, justify="right")
+
+    def add(name: str, work: Mapping[str, Any]) -> None:
+        counts = [work[count] if work["dense"] else None for count in ("effective_acs", "effective_macs", "dense")]
+        table.add_row(Text(name), f"{work['windows']:.4g}", _share(work["activation_sparsity"]), *map(_count, counts))
+
+    for name, region in found["regions"].items():
+        add(name, region)
+        for use, work in region["uses"].items():
+            add(f"  {use}", work)
+    add("total", found["total"])
+    return table
+
+
 def _figures(summaries: Sequence[Mapping[str, Any]]) -> list[str]:
     return list(dict.fromkeys(name for summary in summaries for name in summary["aggregate"]))
 
@@ -52,6 +85,17 @@ def _episodes(summary: Mapping[str, Any]) -> str:
 def _mean(figure: Mapping[str, Any]) -> str:
     error = figure["standard_error"]
     return _number(figure["mean"]) + ("" if error is None else f"{MARK}{_number(error, 2)}")
+
+
+def _count(value: float | None) -> str:
+    if value is None:
+        return "-"
+    scale, prefix = next((pair for pair in ((1e9, " G"), (1e6, " M"), (1e3, " k")) if value >= pair[0]), (1, ""))
+    return f"{value / scale:.4g}{prefix}"
+
+
+def _share(value: float | None) -> str:
+    return "-" if value is None else f"{value:.4f}"
 
 
 def _number(value: float, digits: int = 4) -> str:
