@@ -44,8 +44,6 @@ class ReadoutConfig(BaseModel):
         if (unit := info.data.get("unit")) is None:
             return text
         interval = parse_interval(text, unit)
-        if not interval.lo < interval.hi:
-            raise ValueError(f"a range rises (got '{text}'); give the smaller end first")
         return f"{format_quantity(interval.lo, '1')}..{format_quantity(interval.hi, unit)}"
 
     @model_validator(mode="after")
