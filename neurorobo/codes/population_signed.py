@@ -19,8 +19,8 @@ class PopulationSigned(Code):
     """The magnitude as :class:`PopulationUniform` has it: in ON neurons above zero, in as many OFF neurons below.
 
     The value is ``(ON spikes - OFF spikes) * resolution``, and the resolution, ``(hi - lo) / (neurons * steps)``, is
-    that of population uniform; but zero is silence, exactly, and a small value a few spikes. Encoding and decoding again
-    is off by at most half a resolution. The range must have zero in its middle.
+    that of population uniform; but zero is silence, exactly, and a small value a few spikes. Encoding and decoding
+    again is off by at most half a resolution. The range must have zero in its middle.
 
     Source: the ON and OFF pathways of the retina (Schiller 1992). A pair of one ON and one OFF neuron is a sigma-delta
     modulator of first order with three levels.
@@ -30,9 +30,10 @@ class PopulationSigned(Code):
         """Refuse a range without zero in its middle, and neurons that cannot be shared evenly by ON and OFF."""
         super().__post_init__()
         if self.lo != -self.hi:
+            furthest = max(-self.lo, self.hi)
             raise ValueError(
-                f"a signed code needs a range with zero in its middle (got {self.lo:g}..{self.hi:g}); give it one, such "
-                f"as {-max(-self.lo, self.hi):g}..{max(-self.lo, self.hi):g}, or take population_uniform"
+                f"a signed code needs a range with zero in its middle (got {self.lo:g}..{self.hi:g}); give it "
+                f"{-furthest:g}..{furthest:g}, or take population_uniform"
             )
         if self.neurons % 2:
             raise ValueError(f"a signed code needs as many ON as OFF neurons, an even number (got {self.neurons})")

@@ -24,7 +24,7 @@ def neurorobo_register(registry: Registrar) -> None:
         "region",
         "core.readout_network",
         "neurorobo.regions.readout_network_config:ReadoutNetworkConfig",
-        "such layers, read out as numbers: trained weights of firing rates or of a potential",
+        "spiking layers by name, read out as numbers by trained weights",
     )
     registry.add(
         "region",

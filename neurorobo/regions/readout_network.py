@@ -23,8 +23,8 @@ class Readout(nn.Module):
     largest potential of the window. A ``rate`` is the mean without a memory, ``x = W r + b`` with the firing rates
     ``r``. What is said is the ``range`` from x = -1 to 1; beyond it saturates, while gradients flow as if it did not.
 
-    So one spike more of neuron j at step t moves the number by ``(hi - lo) / 2 * W[j] * k[t]``, which is the resolution:
-    of a rate ``k = 1 / steps``, of the last potential ``k = (1 - decay) decay**(steps - 1 - t)``.
+    The resolution is what one spike more, of neuron j at step t, adds: ``(hi - lo) / 2 * W[j] * k[t]``, where ``k`` is
+    ``1 / steps`` of a rate, ``(1 - decay) decay**(steps - 1 - t)`` of the last potential.
 
     Sources: the rate is the decoder of PopSAN (Tang et al. 2020), the potential the read-out of Bellec et al. 2020.
     """
@@ -38,7 +38,7 @@ class Readout(nn.Module):
         self.bias = nn.Parameter(torch.zeros(config.width, 1))  # of a fan-in of one, by which training scales steps
 
     def forward(self, spikes: Tensor, before: Tensor) -> tuple[Tensor, Tensor]:
-        """Return the numbers (batch, width) and the last potential, of spikes (steps, batch, sources) and the one before."""
+        """Turn spikes (steps, batch, sources) and the potential before into numbers (batch, width) and the last one."""
         response, left = _leak(len(spikes), self.decay)
         current = self.synapses(spikes) + self.bias[:, 0]
         potential = torch.einsum("ts,sbw->tbw", response, current) + left * before

@@ -103,8 +103,8 @@ def test_each_component_and_each_member_of_a_batch_is_apart() -> None:
 @pytest.mark.parametrize(
     ("neurons", "lo", "hi", "words"),
     [
-        (4, 0.0, 100.0, r"zero in its middle \(got 0..100\); give it one, such as -100..100, or take population_uni"),
-        (4, -5.0, 3.0, r"such as -5..5"),
+        (4, 0.0, 100.0, r"zero in its middle \(got 0..100\); give it -100..100, or take population_uni"),
+        (4, -5.0, 3.0, r"give it -5..5"),
         (4, 2.0, -2.0, "a range that rises"),
         (5, -1.0, 1.0, r"an even number \(got 5\)"),
         (0, -1.0, 1.0, "at least one neuron"),

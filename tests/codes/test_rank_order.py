@@ -1,5 +1,7 @@
 """What a user may rely on when a quantity travels as the order in which neurons fire."""
 
+from itertools import pairwise
+
 import pytest
 import torch
 from hypothesis import given
@@ -56,7 +58,7 @@ def test_the_next_value_exchanges_two_neurons_that_fire_one_after_the_other(neur
     orders = [order(code.encode(value.view(1, 1), neurons)) for value in every_value(code)]
     assert orders[0] == list(range(neurons))
     assert orders[-1] == list(reversed(range(neurons)))
-    for one, other in zip(orders, orders[1:], strict=False):
+    for one, other in pairwise(orders):
         first, second = (place for place in range(neurons) if one[place] != other[place])
         assert second == first + 1
         assert (one[first], one[second]) == (other[second], other[first])

@@ -1,4 +1,4 @@
-"""Send on delta: what arrives is within a threshold of what is, unless that is too fast, and nothing is sent in vain."""
+"""Send on delta: what arrives is within a threshold of what is, and nothing is sent in vain."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
