@@ -22,14 +22,14 @@ def column(*values: float) -> Tensor:
     return torch.tensor(values, dtype=torch.float64).unsqueeze(1)
 
 
-def sigma_delta(value: float, steps: int) -> list[int]:
-    """A modulator of first order with the levels 0 and 1, in whole numbers: ``value`` in steps of 1/steps."""
-    integrator, spikes = 0, []
+def sigma_delta(value: int, steps: int) -> list[int]:
+    """A modulator of first order with the levels -1, 0 and 1, of ``value`` in steps of 1/steps."""
+    integrator, said = 0, []
     for _ in range(steps):
-        integrator += round(value * steps)
-        spikes.append(int(integrator >= steps))
-        integrator -= steps * spikes[-1]
-    return spikes
+        integrator += value
+        said.append((integrator >= steps) - (integrator <= -steps))
+        integrator -= steps * said[-1]
+    return said
 
 
 @given(half=half, hi=ends, steps=windows, place=places)
@@ -73,10 +73,16 @@ def test_zero_is_silent_and_silence_is_exactly_zero() -> None:
 
 @given(steps=windows, data=st.data())
 def test_one_neuron_each_is_a_sigma_delta_modulator(steps: int, data: st.DataObject) -> None:
-    value = data.draw(st.integers(-steps, steps)) / steps
-    spikes = PopulationSigned(2, -1.0, 1.0).encode(column(value), steps)[:, 0]
-    assert spikes[:, 0 if value >= 0 else 1].tolist() == sigma_delta(abs(value), steps)
-    assert torch.equal(spikes[:, :1], PopulationUniform(1, 0.0, 1.0).encode(column(max(value, 0.0)), steps)[:, 0])
+    value = data.draw(st.integers(-steps, steps))
+    on, off = PopulationSigned(2, -1.0, 1.0).encode(column(value / steps), steps)[:, 0].t()
+    assert (on - off).tolist() == sigma_delta(value, steps)
+
+
+@given(steps=windows, data=st.data())
+def test_population_uniform_of_one_neuron_is_a_sigma_delta_modulator(steps: int, data: st.DataObject) -> None:
+    value = data.draw(st.integers(0, steps))
+    spikes = PopulationUniform(1, 0.0, 1.0).encode(column(value / steps), steps).flatten()
+    assert spikes.tolist() == sigma_delta(value, steps)
 
 
 def test_decoding_is_differentiable_with_opposite_signs() -> None:

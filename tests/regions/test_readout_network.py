@@ -298,7 +298,7 @@ steps:
   - steer: {use: pilot, position: body.position}
 command: {speed: steer.speed, nudge: drive.nudge}
 train:
-  - {phase: ppo, regions: {pilot: [hidden, motor, speed]}, explore: {speed: 0.1 um/s}, iterations: 8, episodes: 16,
+  - {phase: ppo, regions: {pilot: [hidden, motor, speed]}, explore: {speed: 0.2 um/s}, iterations: 8, episodes: 16,
      minibatch: 32, epochs: 3, learning_rate: 0.03, validation: {episodes: 8, every: 2}, held_out: {episodes: 8}}
 """
 
