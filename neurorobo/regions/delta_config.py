@@ -8,20 +8,15 @@ from neurorobo.clock import Clock
 from neurorobo.codes.population_signed import PopulationSigned
 from neurorobo.regions.config import RegionConfig
 from neurorobo.regions.feedforward_config import Quantity
+from neurorobo.regions.known_unit import KnownUnit
 from neurorobo.regions.port import Port
-from neurorobo.units import format_quantity, parse_quantity, same_unit
+from neurorobo.units import format_quantity, parse_quantity
 
 
 class _DeltaConfig(RegionConfig):
     carry: Literal["always"] = "always"
-    unit: str = Field(description="The unit of the quantity.")
+    unit: KnownUnit = Field(description="The unit of the quantity.")
     width: int = Field(default=1, ge=1, description="The number of components.")
-
-    @field_validator("unit")
-    @classmethod
-    def _known(cls, unit: str) -> str:
-        same_unit(unit, unit)
-        return unit
 
 
 class DeltaEncoderConfig(_DeltaConfig):

@@ -9,7 +9,7 @@ from torch import Tensor, nn
 from neurorobo.clock import Clock
 from neurorobo.regions.readout_network_config import ReadoutConfig, ReadoutNetworkConfig
 from neurorobo.regions.region import Probe, State
-from neurorobo.regions.spiking_network import Layers
+from neurorobo.regions.spiking_network import LayeredNetwork
 from neurorobo.synapses import Dense
 from neurorobo.units import parse_interval
 
@@ -41,7 +41,7 @@ class Readout(nn.Module):
         """Turn spikes (steps, batch, sources) and the potential before into numbers (batch, width) and the last one."""
         response, left = _leak(len(spikes), self.decay)
         current = self.synapses(spikes) + self.bias[:, 0]
-        potential = torch.einsum("ts,sbw->tbw", response, current) + left * before
+        potential = torch.tensordot(response, current, dims=1) + left * before
         if self.takes == "last":
             reading = potential[-1]
         elif self.takes == "largest":
@@ -63,7 +63,7 @@ def _leak(steps: int, decay: float) -> tuple[Tensor, Tensor]:
         return ((1 - decay) * powers[age.clamp(min=0)]).tril(), powers[1:, None, None]
 
 
-class ReadoutNetwork(Layers):
+class ReadoutNetwork(LayeredNetwork):
     """The layers of its configuration, and a read-out for each output; each is a parameter group of its name."""
 
     config: ReadoutNetworkConfig

@@ -7,9 +7,10 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validat
 
 from neurorobo.clock import Clock
 from neurorobo.errors import did_you_mean
+from neurorobo.regions.known_unit import KnownUnit
 from neurorobo.regions.port import Port
-from neurorobo.regions.spiking_network_config import LayersConfig, Name
-from neurorobo.units import format_quantity, parse_interval, same_unit
+from neurorobo.regions.spiking_network_config import LayeredNetworkConfig, Name
+from neurorobo.units import format_quantity, parse_interval
 
 Reading = Literal["rate", "last", "mean", "largest"]
 
@@ -19,7 +20,7 @@ class ReadoutConfig(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
-    unit: str = Field(description="The unit of the quantity, such as um/s.")
+    unit: KnownUnit = Field(description="The unit of the quantity, such as um/s.")
     width: int = Field(default=1, ge=1, description="The number of components.")
     range: str = Field(description="The values that can be said, such as 0..100 um/s; what goes beyond saturates.")
     reads: tuple[str, ...] = Field(min_length=1, description="The layers that are weighed, all to all.")
@@ -31,12 +32,6 @@ class ReadoutConfig(BaseModel):
     decay: float | None = Field(
         default=None, ge=0, lt=1, description="What is left of that potential after one step; not of a rate."
     )
-
-    @field_validator("unit")
-    @classmethod
-    def _known(cls, unit: str) -> str:
-        same_unit(unit, unit)
-        return unit
 
     @field_validator("range")
     @classmethod
@@ -55,7 +50,7 @@ class ReadoutConfig(BaseModel):
         return self
 
 
-class ReadoutNetworkConfig(LayersConfig):
+class ReadoutNetworkConfig(LayeredNetworkConfig):
     """Layers by name, as of a `spiking_network`, and read-outs that weigh their spikes; all of it learns together.
 
     Weights are those of layers and read-outs alone: they fit whatever the units and ranges of the ports are.

@@ -10,7 +10,7 @@ from neurorobo.clock import Clock
 from neurorobo.engine import Circuit, Layer
 from neurorobo.engine.circuit import Reads
 from neurorobo.regions.region import Probe, Region, State
-from neurorobo.regions.spiking_network_config import INPUTS, LayersConfig
+from neurorobo.regions.spiking_network_config import INPUTS, LayeredNetworkConfig
 from neurorobo.synapses import Dense
 
 ALWAYS = "1"
@@ -19,12 +19,12 @@ ALWAYS = "1"
 _PREFIX = "layer_"  # torch refuses the names of a module's own attributes, such as `train`
 
 
-class Layers(Region, ABC):
+class LayeredNetwork(Region, ABC):
     """Base of networks: the layers of a configuration, each a parameter group of that name."""
 
-    config: LayersConfig
+    config: LayeredNetworkConfig
 
-    def __init__(self, config: LayersConfig, clock: Clock, generator: torch.Generator) -> None:
+    def __init__(self, config: LayeredNetworkConfig, clock: Clock, generator: torch.Generator) -> None:
         super().__init__(config, clock, generator)
         inputs = tuple(self.input_ports)
         sizes = {INPUTS: sum(port.channels for port in self.input_ports.values())}
@@ -60,7 +60,7 @@ class Layers(Region, ABC):
         return dict(self._circuit.layers)
 
 
-class Network(Layers):
+class Network(LayeredNetwork):
     """The layers of its configuration, of which the last one sends the outputs."""
 
     def step(

@@ -38,7 +38,7 @@ class LayerConfig(BaseModel):
     neuron: Annotated[NeuronConfig, Plugged("neuron")] = LIFConfig()
 
 
-class LayersConfig(RegionConfig, ABC):
+class LayeredNetworkConfig(RegionConfig, ABC):
     """Base of the configurations of networks: layers by name, each of its own neurons and its own sources."""
 
     receives: dict[Name, CodedPort] = Field(alias="inputs", min_length=1, description="The inputs, by name.")
@@ -74,7 +74,7 @@ class LayersConfig(RegionConfig, ABC):
         return {"type": self.type, "inputs": channels, "layers": layers}
 
 
-class NetworkConfig(LayersConfig):
+class NetworkConfig(LayeredNetworkConfig):
     """Layers by name, each of its own neurons and its own sources; the last one sends the outputs.
 
     Weights are those of the layers alone: they fit whatever the quantities and codes of the ports are.

@@ -1,5 +1,6 @@
 """Spiking networks that say numbers: what a read-out computes, how finely, and that all of it learns from a file."""
 
+import re
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, ClassVar, Literal
@@ -7,6 +8,7 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 import pytest
 import torch
+import yaml
 from torch import Tensor
 
 from neurorobo.clock import Clock
@@ -182,6 +184,17 @@ def test_what_makes_no_sense_is_refused(speed: dict[str, Any], words: str) -> No
 def test_an_output_cannot_be_called_as_a_layer() -> None:
     with pytest.raises(ConfigError, match="an output and a layer are both called `motor`"):
         network(motor={"unit": "um/s", "range": "0..100 um/s", "reads": ["motor"]})
+
+
+def test_the_regions_of_the_documentation_can_be_read() -> None:
+    page = Path(__file__).parents[2] / "docs" / "explanation" / "codes_and_readouts.md"
+    found = set()
+    for block in re.findall(r"^```yaml\n(.*?)^```", page.read_text(), re.DOTALL | re.MULTILINE):
+        written = yaml.safe_load(block)
+        for region in written.get("regions", written).values():
+            if isinstance(region, dict) and "type" in region:
+                found.add(read_plugged("region", region, Registry()).type)  # type: ignore[attr-defined]
+    assert found == {"delta_encoder", "delta_decoder", "readout_network"}
 
 
 class TeacherConfig(RegionConfig):
