@@ -14,9 +14,10 @@ from torch import Tensor
 from neurorobo.clock import Clock
 from neurorobo.config import Experiment, load_experiment
 from neurorobo.config.plugged_reader import read_plugged
-from neurorobo.errors import ConfigError
+from neurorobo.errors import ConfigError, NeuroroboError
 from neurorobo.experiment.lessons import read_lessons
 from neurorobo.experiment.train import train_experiment
+from neurorobo.interchange.export import to_graph
 from neurorobo.learning.phase import DataConfig
 from neurorobo.plugins import Registrar, Registry, hookimpl
 from neurorobo.regions import Port, RegionConfig
@@ -184,6 +185,13 @@ def test_what_makes_no_sense_is_refused(speed: dict[str, Any], words: str) -> No
 def test_an_output_cannot_be_called_as_a_layer() -> None:
     with pytest.raises(ConfigError, match="an output and a layer are both called `motor`"):
         network(motor={"unit": "um/s", "range": "0..100 um/s", "reads": ["motor"]})
+
+
+def test_what_only_says_numbers_is_not_exported() -> None:
+    pytest.importorskip("nir", reason="of the extra `nir`")
+    region = ReadoutNetwork(network(), CLOCK, torch.Generator().manual_seed(0))
+    with pytest.raises(NeuroroboError, match="none of its outputs carries spikes"):
+        to_graph(region, Registry())
 
 
 def test_the_regions_of_the_documentation_can_be_read() -> None:
