@@ -20,6 +20,24 @@ def neurorobo_register(registry: Registrar) -> None:
         "neurorobo.regions.spiking_network_config:NetworkConfig",
         "spiking layers by name, each of its own neurons and sources, recurrent or not",
     )
+    registry.add(
+        "region",
+        "core.readout_network",
+        "neurorobo.regions.readout_network_config:ReadoutNetworkConfig",
+        "spiking layers by name, read out as numbers by trained weights",
+    )
+    registry.add(
+        "region",
+        "core.delta_encoder",
+        "neurorobo.regions.delta_config:DeltaEncoderConfig",
+        "says in ON and OFF spikes what changes, one for each threshold",
+    )
+    registry.add(
+        "region",
+        "core.delta_decoder",
+        "neurorobo.regions.delta_config:DeltaDecoderConfig",
+        "adds up the changes that a delta_encoder sends",
+    )
     registry.add("neuron", "core.lif", "neurorobo.neurons.config:LIFConfig", "leaky integrate-and-fire, iterative")
     registry.add(
         "neuron",
@@ -57,6 +75,18 @@ def neurorobo_register(registry: Registrar) -> None:
         "core.gaussian_receptive_fields",
         "neurorobo.codes.config:GaussianReceptiveFieldsConfig",
         "each neuron answers to its own part of the range",
+    )
+    registry.add(
+        "code",
+        "core.population_signed",
+        "neurorobo.codes.population_signed:PopulationSignedConfig",
+        "ON spikes above zero, OFF spikes below, silence at zero",
+    )
+    registry.add(
+        "code",
+        "core.rank_order",
+        "neurorobo.codes.rank_order:RankOrderConfig",
+        "one spike of each neuron, the value in their order",
     )
     registry.add(
         "rule",

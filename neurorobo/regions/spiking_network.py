@@ -1,6 +1,7 @@
-"""A network that is written down layer by layer."""
+"""Networks that are written down layer by layer."""
 
-from collections.abc import Mapping
+from abc import ABC
+from collections.abc import Collection, Mapping
 
 import torch
 from torch import Tensor, nn
@@ -9,7 +10,7 @@ from neurorobo.clock import Clock
 from neurorobo.engine import Circuit, Layer
 from neurorobo.engine.circuit import Reads
 from neurorobo.regions.region import Probe, Region, State
-from neurorobo.regions.spiking_network_config import INPUTS, NetworkConfig
+from neurorobo.regions.spiking_network_config import INPUTS, LayeredNetworkConfig
 from neurorobo.synapses import Dense
 
 ALWAYS = "1"
@@ -18,12 +19,12 @@ ALWAYS = "1"
 _PREFIX = "layer_"  # torch refuses the names of a module's own attributes, such as `train`
 
 
-class Network(Region):
-    """The layers of its configuration, each a parameter group of that name."""
+class LayeredNetwork(Region, ABC):
+    """Base of networks: the layers of a configuration, each a parameter group of that name."""
 
-    config: NetworkConfig
+    config: LayeredNetworkConfig
 
-    def __init__(self, config: NetworkConfig, clock: Clock, generator: torch.Generator) -> None:
+    def __init__(self, config: LayeredNetworkConfig, clock: Clock, generator: torch.Generator) -> None:
         super().__init__(config, clock, generator)
         inputs = tuple(self.input_ports)
         sizes = {INPUTS: sum(port.channels for port in self.input_ports.values())}
@@ -40,23 +41,33 @@ class Network(Region):
             self.layers[_PREFIX + name] = built
             stages[name] = (built, reads)
             sizes[name] = layer.neurons
-        self._last = [*stages][-1]
         self._circuit = Circuit([*inputs, ALWAYS], stages)
 
     def init_state(self, batch: int) -> State:
         """Return the states of all layers at rest."""
         return {name: layer.at_rest(batch) for name, layer in self._circuit.layers.items()}
 
-    def step(
-        self, inputs: Mapping[str, Tensor], state: State, probe: Probe | None = None
+    def run_layers(
+        self, inputs: Mapping[str, Tensor], state: State, wanted: Collection[str], probe: Probe | None
     ) -> tuple[dict[str, Tensor], State]:
-        """Run one window."""
+        """Run one window of the layers; return the spikes of those that are ``wanted``, and the states of all."""
         some = next(iter(inputs.values()))
         ones = some.new_ones((*some.shape[:2], 1))
-        spikes, after = self._circuit({**inputs, ALWAYS: ones}, state, [self._last], probe)
-        parts = spikes[self._last].split([port.channels for port in self.output_ports.values()], dim=-1)
-        return dict(zip(self.output_ports, parts, strict=True)), after
+        return self._circuit({**inputs, ALWAYS: ones}, state, wanted, probe)
 
     def parameter_groups(self) -> Mapping[str, nn.Module]:
         """Return the layers by name."""
         return dict(self._circuit.layers)
+
+
+class Network(LayeredNetwork):
+    """The layers of its configuration, of which the last one sends the outputs."""
+
+    def step(
+        self, inputs: Mapping[str, Tensor], state: State, probe: Probe | None = None
+    ) -> tuple[dict[str, Tensor], State]:
+        """Run one window."""
+        last = [*self.config.layers][-1]
+        spikes, after = self.run_layers(inputs, state, [last], probe)
+        parts = spikes[last].split([port.channels for port in self.output_ports.values()], dim=-1)
+        return dict(zip(self.output_ports, parts, strict=True)), after

@@ -1,5 +1,6 @@
-"""The configuration of a network that is written down layer by layer."""
+"""The configuration of networks that are written down layer by layer."""
 
+from abc import ABC
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Literal, Self
 
@@ -37,19 +38,10 @@ class LayerConfig(BaseModel):
     neuron: Annotated[NeuronConfig, Plugged("neuron")] = LIFConfig()
 
 
-class NetworkConfig(RegionConfig):
-    """Layers by name, each of its own neurons and its own sources; the last one sends the outputs.
+class LayeredNetworkConfig(RegionConfig, ABC):
+    """Base of the configurations of networks: layers by name, each of its own neurons and its own sources."""
 
-    Weights are those of the layers alone: they fit whatever the quantities and codes of the ports are.
-    """
-
-    implementation: ClassVar[str] = "neurorobo.regions.spiking_network:Network"
-
-    type: Literal["spiking_network"] = "spiking_network"
     receives: dict[Name, CodedPort] = Field(alias="inputs", min_length=1, description="The inputs, by name.")
-    sends: dict[Name, CodedPort] = Field(
-        alias="outputs", min_length=1, description="The outputs, by name; side by side, they are the last layer."
-    )
     layers: dict[Name, LayerConfig] = Field(min_length=1, description="The layers, by name, in order.")
     gain: float = Field(
         default=1.5, gt=0, description="Fresh weights are drawn with the standard deviation gain / sqrt(fan-in)."
@@ -75,6 +67,26 @@ class NetworkConfig(RegionConfig):
         """Return what it receives."""
         return {name: port.port() for name, port in self.receives.items()}
 
+    def signature(self, clock: Clock) -> Mapping[str, Any]:
+        """Return what weights depend on: the layers, and how many channels they read."""
+        channels = sum(port.channels for port in self.inputs(clock).values())
+        layers = {name: layer.model_dump(mode="json") for name, layer in self.layers.items()}
+        return {"type": self.type, "inputs": channels, "layers": layers}
+
+
+class NetworkConfig(LayeredNetworkConfig):
+    """Layers by name, each of its own neurons and its own sources; the last one sends the outputs.
+
+    Weights are those of the layers alone: they fit whatever the quantities and codes of the ports are.
+    """
+
+    implementation: ClassVar[str] = "neurorobo.regions.spiking_network:Network"
+
+    type: Literal["spiking_network"] = "spiking_network"
+    sends: dict[Name, CodedPort] = Field(
+        alias="outputs", min_length=1, description="The outputs, by name; side by side, they are the last layer."
+    )
+
     def outputs(self, clock: Clock) -> dict[str, Port]:
         """Return what it sends; a ValueError unless the last layer has a neuron for each channel of the outputs."""
         ports = {name: port.port() for name, port in self.sends.items()}
@@ -86,9 +98,3 @@ class NetworkConfig(RegionConfig):
                 "give both the same number"
             )
         return ports
-
-    def signature(self, clock: Clock) -> Mapping[str, Any]:
-        """Return what weights depend on: the layers, and how many channels they read."""
-        channels = sum(port.channels for port in self.inputs(clock).values())
-        layers = {name: layer.model_dump(mode="json") for name, layer in self.layers.items()}
-        return {"type": self.type, "inputs": channels, "layers": layers}
