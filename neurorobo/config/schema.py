@@ -24,17 +24,18 @@ def experiment_schema(registry: Registry) -> Schema:
         kinds |= found  # a registered type can have fields of further kinds
     root = _generate(registry, kinds)
     definitions = root["$defs"]
-    keys = {}
+    places: set[tuple[Kind, str]] = set()
     for note in [*_notes(root)]:
         plugged = note.pop("plugged")
-        keys[plugged["kind"]] = plugged["key"]
-        note["$ref"] = f"#/$defs/{plugged['kind']}"
-    for kind, key in keys.items():
-        names = [name for name, _ in _models(registry, kind)]
+        places.add((plugged["kind"], plugged["key"]))
+        note["$ref"] = f"#/$defs/{plugged['kind']} by its {plugged['key']}"
+    for kind, key in sorted(places):
+        # Phases of training and what synapses learn by are rules both: a type belongs where its model has the key.
+        names = [name for name, model in _models(registry, kind) if key in model.model_fields]
         for name in names:
             definitions[f"{kind} {name}"] = _of_type(definitions[f"{kind} {name}"], key, name)
         choices = [_bare(names), *({"$ref": f"#/$defs/{kind} {name}"} for name in names)]
-        definitions[kind] = {"oneOf": choices} if names else False
+        definitions[f"{kind} by its {key}"] = {"oneOf": choices} if names else False
     if recorders := registry.names("recorder"):
         root["properties"]["record"]["items"] = _bare(recorders)
     return root
