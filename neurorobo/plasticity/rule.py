@@ -4,9 +4,10 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple, Self
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, NamedTuple, Self, get_args
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic.fields import FieldInfo
 
 from neurorobo.clock import Clock
 from neurorobo.errors import Fault
@@ -97,10 +98,14 @@ class LearningRule(BaseModel, ABC):
         """Yield why targets of this ``neuron`` cannot learn by the rule at the steps of this clock."""
         for name, field in type(self).model_fields.items():
             time_ns = getattr(self, name)
-            is_time = any(isinstance(mark, _AtLeastOneStep) for mark in field.metadata)
-            if is_time and time_ns is not None and time_ns < clock.spike_step_ns:
+            if _is_time_constant(field) and time_ns is not None and time_ns < clock.spike_step_ns:
                 step = format_duration(clock.spike_step_ns)
                 yield Fault((name,), f"{format_duration(time_ns)} is shorter than a spike step of {step}; take more")
+
+
+def _is_time_constant(field: FieldInfo) -> bool:
+    inner = [mark for part in get_args(field.annotation) for mark in getattr(part, "__metadata__", ())]
+    return any(isinstance(mark, _AtLeastOneStep) for mark in [*field.metadata, *inner])
 
 
 class ModulatedRule(LearningRule):

@@ -1,5 +1,6 @@
 """A network whose synapses learn by local rules while it runs."""
 
+import math
 from collections.abc import Mapping
 from functools import partial
 from typing import ClassVar
@@ -23,7 +24,8 @@ class PlasticNetwork(Network, Plastic):
     """The layers of its configuration, some of whose synapses learn; a window runs with what was learned before it.
 
     State: that of the neurons of each layer, under its name, and of synapses that learn, under ``layer.source.name``,
-    what :class:`neurorobo.plasticity.synapses.PlasticSynapses` says.
+    what :class:`neurorobo.plasticity.synapses.PlasticSynapses` says; ``mean.modulator`` (batch, width) is what is taken
+    off a modulator that has a baseline.
     """
 
     config: PlasticNetworkConfig
@@ -48,6 +50,9 @@ class PlasticNetwork(Network, Plastic):
         state = super().init_state(batch)
         for name, layer in self._plastic.items():
             state |= {f"{name}.{key}": value for key, value in layer.init_state(batch).items()}
+        for name, modulator in self.config.modulators.items():
+            if modulator.baseline is not None:
+                state[_mean(name)] = torch.zeros(batch, modulator.width)
         return state
 
     def step(
@@ -57,7 +62,7 @@ class PlasticNetwork(Network, Plastic):
         known = {name: inputs[name] for name in self.config.receives}
         some = next(iter(known.values()))
         known |= {INPUTS: torch.cat([*known.values()], dim=-1), ALWAYS: some.new_ones((*some.shape[:2], 1))}
-        after: State = {}
+        modulators, after = self._modulators(inputs, state)
         spikes = some
         for name, layer in self._circuit.layers.items():
             reads = self._reads(name)
@@ -65,7 +70,7 @@ class PlasticNetwork(Network, Plastic):
                 spikes, after[name] = layer([known[read] for read in reads], state[name])
             else:
                 own = {k.removeprefix(f"{name}."): v for k, v in state.items() if k.startswith(f"{name}.")}
-                told = partial(self._told, name, inputs)
+                told = partial(self._told, name, modulators)
                 spikes, after[name], learned = plastic.run({r: known[r] for r in reads}, state[name], own, told)
                 after |= {f"{name}.{key}": value for key, value in learned.items()}
             known[name] = spikes
@@ -89,11 +94,21 @@ class PlasticNetwork(Network, Plastic):
                 synapses[key] = PlasticSynapses(settings.learns, settings.bounds, index)
         return PlasticLayer(layer, reads, synapses, self.clock.spike_step_ns)
 
-    def _told(self, layer: str, inputs: Mapping[str, Tensor], rule: LearningRule) -> Tensor | None:
+    def _modulators(self, inputs: Mapping[str, Tensor], state: State) -> tuple[dict[str, Tensor], State]:
+        """Return the modulators without their means, where these are taken, and the means behind this window."""
+        told, means = {name: inputs[name] for name in self.config.modulators}, State()
+        for name, modulator in self.config.modulators.items():
+            if modulator.baseline is not None:
+                told[name] = told[name] - state[_mean(name)]
+                share = -math.expm1(-self.clock.window_ns / modulator.baseline)
+                means[_mean(name)] = state[_mean(name)] + share * told[name]
+        return told, means
+
+    def _told(self, layer: str, modulators: Mapping[str, Tensor], rule: LearningRule) -> Tensor | None:
         """Return what its modulator tells the neurons of a layer, (batch, neurons) or (batch, 1), if it has one."""
         if not isinstance(rule, ModulatedRule) or rule.modulator is None:
             return None
-        modulator = inputs[rule.modulator]
+        modulator = modulators[rule.modulator]
         if rule.feedback == "random":
             return (modulator.unsqueeze(1) * self.get_buffer(_feedback(layer, rule.modulator))).sum(2)
         if modulator.shape[1] == 1:
@@ -112,6 +127,11 @@ class PlasticNetwork(Network, Plastic):
 
     def _settings(self, layer: str, key: str) -> SynapsesConfig:
         return self.config.layers[layer].synapses.get(key, SynapsesConfig())
+
+
+def _mean(modulator: str) -> str:
+    """Return the name in the state of a modulator's running mean."""
+    return f"mean.{modulator}"
 
 
 def _feedback(layer: str, modulator: str) -> str:

@@ -17,9 +17,10 @@ from neurorobo.clock import Clock
 from neurorobo.errors import ConfigError, Fault, did_you_mean
 from neurorobo.plasticity import LearningRule, ModulatedRule
 from neurorobo.plugged_field import Plugged
+from neurorobo.regions.feedforward_config import Quantity
 from neurorobo.regions.port import Port
 from neurorobo.regions.spiking_network_config import INPUTS, LayerConfig, Name, NetworkConfig
-from neurorobo.units import Interval, Unit
+from neurorobo.units import Duration, Interval, Unit, parse_quantity
 
 RECURRENT = "recurrent"
 """Under `synapses`, those of a layer's neurons on one another."""
@@ -79,19 +80,38 @@ class PlasticLayerConfig(LayerConfig):
 
 
 class Modulator(BaseModel):
-    """A quantity that tells synapses how much to learn; it holds for all steps of a window."""
+    """A quantity that tells synapses how much to learn; it holds for all steps of a window.
+
+    That rewards solve a task only without their mean: Fremaux, Sprekeler & Gerstner 2010.
+    """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
     unit: str = Field(default="1", description="The unit of the quantity, such as mN.")
     width: int = Field(default=1, ge=1, description="The number of components.")
+    initial: Quantity | None = Field(
+        default=None,
+        description="The value of all components before its source has spoken, which a delayed one needs; without it, "
+        "the modulator has to be wired.",
+    )
+
+    baseline: Annotated[Duration, Field(gt=0)] | None = Field(
+        default=None,
+        description="The time over which its mean is taken, so that synapses are told what is more than usual, as a "
+        "reward should be; nothing is taken off if left out.",
+    )
+
+    def port(self) -> Port:
+        """Return the port; a ValueError if the initial value is not of the unit."""
+        initial = None if self.initial is None else (parse_quantity(self.initial, self.unit),) * self.width
+        return Port(self.unit, self.width, initial=initial)
 
 
 class PlasticNetworkConfig(NetworkConfig):
     """The layers of a `spiking_network`, of which some synapses learn by local rules while the brain runs.
 
     What they learn is part of the state and has the weights as its beginning, which stay as they were trained: those of
-    a `spiking_network` of the same layers fit. Each modulator is an input that carries numbers and has to be wired.
+    a `spiking_network` of the same layers fit. Each modulator is an input that carries numbers.
     """
 
     implementation: ClassVar[str] = "neurorobo.regions.plastic_network:PlasticNetwork"
@@ -110,7 +130,7 @@ class PlasticNetworkConfig(NetworkConfig):
         ports = super().inputs(clock)
         if faults := [*self._synapse_faults(ports, clock), *self._modulator_faults()]:
             raise ConfigError(faults)
-        return ports | {name: Port(told.unit, told.width) for name, told in self.modulators.items()}
+        return ports | {name: told.port() for name, told in self.modulators.items()}
 
     def signature(self, clock: Clock) -> Mapping[str, Any]:
         """Return that of a `spiking_network` of these layers, whose weights fit; and fan-ins, if there are any."""

@@ -4,8 +4,11 @@ import torch
 from torch import Tensor
 
 from neurorobo.neurons import LIF, Surrogate
+from neurorobo.plasticity import Activity
 from neurorobo.plasticity.eprop import EProp
-from neurorobo.plasticity.rule import Activity, all_to_all
+from tests.plasticity.learning import STEP_NS
+
+RULE = EProp(modulator="error", learning_rate=1.0)
 
 
 def run(weight: Tensor, recurrent: Tensor, inputs: Tensor, neuron: LIF) -> tuple[Tensor, Tensor]:
@@ -19,19 +22,24 @@ def run(weight: Tensor, recurrent: Tensor, inputs: Tensor, neuron: LIF) -> tuple
     return torch.stack(spikes), torch.stack(potentials)
 
 
+def gradient(sources: Tensor, spikes: Tensor, potentials: Tensor, neuron: LIF, signal: Tensor) -> Tensor:
+    """What e-prop says that the gradient is, with a learning signal (steps, batch, targets)."""
+    activity = Activity(sources, spikes.detach(), STEP_NS, neuron, potentials.detach() - neuron.threshold)
+    [term], _ = RULE.terms(activity, {"source": torch.zeros(sources.shape[1:])})
+    return torch.einsum("tbn,tbs->ns", term.target * signal, term.source)
+
+
 def test_without_recurrence_and_reset_it_is_the_gradient() -> None:
     """With thresholds that are never reached, nothing is left out: e-prop is what backpropagation finds."""
     generator = torch.Generator().manual_seed(1)
     neuron = LIF(threshold=50.0, decay=0.8, surrogate=Surrogate("arctan", 40.0), reset_gradient="detached")
     weight = torch.randn(6, 10, generator=generator, requires_grad=True)
     inputs = (torch.rand(30, 4, 10, generator=generator) < 0.3).float()
-    wanted = torch.randn(30, 4, 6, generator=generator)
+    signal = torch.randn(30, 4, 6, generator=generator)
     spikes, potentials = run(weight, torch.zeros(6, 6), inputs, neuron)
     assert not spikes.any()
-    (spikes * wanted).sum().backward()
-    rule = EProp(neuron)
-    [term], _ = rule.terms(Activity(inputs, spikes.detach(), potentials.detach()), rule.init_state(4, 10, 6))
-    found = all_to_all(term._replace(target=term.target * wanted)).sum(0)
+    (spikes * signal).sum().backward()
+    found = gradient(inputs, spikes, potentials, neuron, signal)
     assert weight.grad is not None
     torch.testing.assert_close(found, weight.grad, rtol=1e-4, atol=1e-5)
 
@@ -39,7 +47,7 @@ def test_without_recurrence_and_reset_it_is_the_gradient() -> None:
 def test_in_a_small_recurrent_network_it_points_where_the_gradient_does() -> None:
     """20 recurrent neurons learn a pattern by their own learning signals; the correlation is that of all weights."""
     correlations = []
-    for seed in range(5):
+    for seed in range(10):
         generator = torch.Generator().manual_seed(seed)
         neuron = LIF(threshold=0.5, decay=0.8, surrogate=Surrogate("triangular", 0.5))
         weight = (torch.randn(20, 15, generator=generator) / 15**0.5).requires_grad_()
@@ -48,16 +56,12 @@ def test_in_a_small_recurrent_network_it_points_where_the_gradient_does() -> Non
         inputs = (torch.rand(40, 8, 15, generator=generator) < 0.2).float()
         wanted = torch.randn(40, 8, 2, generator=generator).cumsum(0)
         spikes, potentials = run(weight, recurrent, inputs, neuron)
-        error = (spikes @ readout.T - wanted).detach()
-        (0.5 * (spikes @ readout.T - wanted).square().sum()).backward()
-        signal = error @ readout  # symmetric e-prop
-        rule, found = EProp(neuron), []
+        error = spikes @ readout.T - wanted
+        (0.5 * error.square().sum()).backward()
+        signal = error.detach() @ readout  # symmetric e-prop
         before = torch.cat([torch.zeros(1, 8, 20), spikes.detach()[:-1]])
-        for heard in (inputs, before):
-            activity = Activity(heard, spikes.detach(), potentials.detach())
-            [term], _ = rule.terms(activity, rule.init_state(8, heard.shape[2], 20))
-            found.append(all_to_all(term._replace(target=term.target * signal)).sum(0))
+        found = [gradient(heard, spikes, potentials, neuron, signal).flatten() for heard in (inputs, before)]
         assert weight.grad is not None and recurrent.grad is not None
-        ours, exact = (torch.cat([one.flatten(), two.flatten()]) for one, two in (found, (weight.grad, recurrent.grad)))
-        correlations.append(float(torch.corrcoef(torch.stack([ours, exact]))[0, 1]))
-    assert min(correlations) > 0.75  # 0.81 to 0.95
+        exact = torch.cat([weight.grad.flatten(), recurrent.grad.flatten()])
+        correlations.append(float(torch.corrcoef(torch.stack([torch.cat(found), exact]))[0, 1]))
+    assert min(correlations) > 0.7  # 0.77 to 0.95, 0.86 on average
