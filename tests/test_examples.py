@@ -9,7 +9,8 @@ from pathlib import Path
 import pytest
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
-INSERTIONS = sorted(path.name for path in EXAMPLES.glob("*.yaml") if path.name != "minimal.yaml")
+WITHOUT_A_ROBOT = {"minimal.yaml", "distal_reward.yaml"}
+INSERTIONS = sorted(path.name for path in EXAMPLES.glob("*.yaml") if path.name not in WITHOUT_A_ROBOT)
 
 
 def run(tmp_path: Path, file: str, *options: str) -> dict[str, object]:
@@ -52,6 +53,18 @@ def test_the_minimal_example_spikes_without_a_robot(tmp_path: Path) -> None:
     summary = run(tmp_path, "minimal.yaml")
     assert set(summary["aggregate"]) == {"firing_rate.ping", "firing_rate.pong", "saturations"}  # type: ignore[call-overload]
     assert len((EXAMPLES / "minimal.yaml").read_text().splitlines()) < 25
+
+
+def test_neurons_learn_to_fire_more_by_a_reward_that_comes_late(tmp_path: Path) -> None:
+    """Those that are rewarded, and not the others, who are told the same."""
+    rates = []
+    for duration in ("2 s", "120 s"):
+        summary = run(tmp_path / duration, "distal_reward.yaml", "--set", f"episode.duration={duration}")
+        (episode,) = summary["episodes"]  # type: ignore[misc]
+        rates.append([1000 * episode[f"firing_rate.{name}"] for name in ("rewarded", "other")])
+    (rewarded, other), (then, control) = rates
+    assert then > 1.2 * rewarded  # the mean of all 120 s; in the end they fire half as much again
+    assert control < 1.1 * other
 
 
 def test_a_run_can_be_repeated_from_its_folder_bit_for_bit(tmp_path: Path) -> None:

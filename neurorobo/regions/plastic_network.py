@@ -52,7 +52,8 @@ class PlasticNetwork(Network, Plastic):
             state |= {f"{name}.{key}": value for key, value in layer.init_state(batch).items()}
         for name, modulator in self.config.modulators.items():
             if modulator.baseline is not None:
-                state[_mean(name)] = torch.zeros(batch, modulator.width)
+                initial = torch.tensor(self.input_ports[name].initial or (0.0,) * modulator.width)
+                state[_mean(name)] = initial.repeat(batch, 1)
         return state
 
     def step(

@@ -238,3 +238,51 @@ def test_misuse_is_refused_with_its_place_and_reason(path: str, value: object, a
         checked_ports(read(changed(path, value)), CLOCK)
     found = {".".join(map(str, fault.path)): fault.message for fault in refused.value.faults}
     assert reason in found.get(at, "nothing there")
+
+
+TRACKER = yaml.safe_load("""
+type: plastic_network
+inputs: {cue: {unit: "1", range: 0..1, code: {type: gaussian_receptive_fields, neurons: 20}}}
+outputs: {rate: {unit: Hz, range: 0..1000 Hz, code: {type: population_uniform, neurons: 10}, width: 2}}
+modulators: {error: {unit: Hz, width: 2}}
+layers:
+  hidden:
+    neurons: 40
+    reads: [cue]
+    recurrent: true
+    neuron: {type: lif, decay: 0.8}
+    synapses:
+      cue: &random
+        bounds: -3..3
+        learns: [{type: eprop, modulator: error, learning_rate: 2.0e-7, feedback: random}]
+      recurrent: *random
+  output:
+    neurons: 20
+    reads: [hidden]
+    neuron: {type: lif, decay: 0.8}
+    synapses:
+      hidden: {bounds: -3..3, learns: [{type: eprop, modulator: error, learning_rate: 2.0e-6}]}
+""")
+
+
+def test_eprop_teaches_a_recurrent_network_on_line() -> None:
+    """Two rates as functions of a cue, by the error of the window before, which had the same cue."""
+    ends = []
+    for seed in (0, 1, 2):
+        region = build(TRACKER, seed)
+        code, rate = region.input_ports["cue"].code, region.output_ports["rate"].code
+        assert code is not None and rate is not None
+        generator = torch.Generator().manual_seed(seed)
+        state, errors = region.init_state(1), []
+        for _ in range(300):
+            cue = torch.rand(1, 1, generator=generator)
+            wanted = torch.cat([100 + 300 * cue, 400 - 300 * cue.square()], dim=1)
+            error = torch.zeros(1, 2)
+            for _ in range(2):
+                with torch.no_grad():
+                    outputs, state = region.step({"cue": code.encode(cue, 50, generator), "error": error}, state)
+                error = wanted - rate.decode(outputs["rate"])
+            errors.append(error.abs().mean())
+        ends.append((float(torch.stack(errors[:10]).mean()), float(torch.stack(errors[-50:]).mean())))
+    print(ends)
+    assert all(after < before / 3 for before, after in ends)
