@@ -53,23 +53,25 @@ class PlasticLayer:
         changes = {key: to_grid(state[f"{key}.{CHANGE}"], BITS) for key in self.synapses}
         parts = [projection(inputs[read]) for projection, read in zip(self.layer.projections, self.reads, strict=True)]
         parts += [self.synapses[key].currents(inputs[key], changes[key]) for key in changes if key != RECURRENT]
-        current = sum(parts[1:], parts[0])
-        before = self._fired(neurons)
-        if RECURRENT in changes or self._needs_potential:
-            spikes, neurons, distance = self._run_steps(current, neurons, before, changes.get(RECURRENT))
+        current, sources = sum(parts[1:], parts[0]), dict(inputs)
+        recurrent = None if self.layer.recurrent is None else self.layer.recurrent.matrix()
+        if recurrent is not None and RECURRENT in changes:
+            recurrent = recurrent + changes[RECURRENT]  # from member to member another one
+            spikes, after = self._run_steps(current, neurons, recurrent)
         else:
-            recurrent = self.layer.recurrent
-            spikes, neurons = self._scan(current, neurons, None if recurrent is None else recurrent.matrix())
-            distance = None
-        sources = {**inputs, RECURRENT: torch.cat([before.unsqueeze(0), spikes[:-1]])}
-        after: State = {}
+            spikes, after = self._scan(current.clone(), neurons, recurrent)  # its memory is given away
+        spoken = spikes.detach()
+        if recurrent is not None:
+            sources[RECURRENT] = torch.cat([self._fired(neurons).unsqueeze(0), spoken[:-1]])
+            current = current + (recurrent @ sources[RECURRENT].unsqueeze(3)).squeeze(3)
+        distance = self._distance(current, neurons, spoken) if self._needs_potential else None
+        learned: State = {}
         for key, plastic in self.synapses.items():
             own = {name.removeprefix(f"{key}."): v for name, v in state.items() if name.startswith(f"{key}.")}
-            activity = Activity(sources[key], spikes.detach(), self.step_ns, self.layer.neuron, distance)
-            modulators = [told(rule) for rule in plastic.rules]
-            learned = plastic.learn(self._projection(key).weight, activity, modulators, own)
-            after |= {f"{key}.{name}": value for name, value in learned.items()}
-        return spikes, neurons, after
+            activity = Activity(sources[key], spoken, self.step_ns, self.layer.neuron, distance)
+            then = plastic.learn(self._projection(key).weight, activity, [told(rule) for rule in plastic.rules], own)
+            learned |= {f"{key}.{name}": value for name, value in then.items()}
+        return spikes, after, learned
 
     @property
     def _needs_potential(self) -> bool:
@@ -80,18 +82,15 @@ class PlasticLayer:
         assert isinstance(found, Projection)
         return found
 
-    def _fired(self, neurons: Tensor) -> Tensor:
-        """Return the last spikes (batch, neurons) before a window; zeros where nothing asks for them."""
-        if self.layer.recurrent is None:
-            return neurons.new_zeros(len(neurons), self.layer.neurons)
-        if type(self.layer.neuron) is LIF:
-            return (neurons >= self._threshold).to(neurons.dtype)
-        return neurons[:, -self.layer.neurons :]
-
-    @property
     def _threshold(self) -> Tensor | float:
         assert isinstance(self.layer.neuron, LIF)
         return self.layer.neuron.threshold if self.layer.threshold is None else self.layer.threshold
+
+    def _fired(self, neurons: Tensor) -> Tensor:
+        """Return the last spikes (batch, neurons) of a state of LIF neurons, or of recurrent ones."""
+        if type(self.layer.neuron) is LIF:
+            return (neurons.detach() >= self._threshold()).to(neurons.dtype)
+        return neurons[:, -self.layer.neurons :].detach()
 
     def _scan(self, current: Tensor, neurons: Tensor, recurrent: Tensor | None) -> tuple[Tensor, Tensor]:
         neuron = self.layer.neuron
@@ -99,24 +98,28 @@ class PlasticLayer:
             return run_window(current, neurons, neuron, self.layer.threshold, recurrent)
         return run_steps(current, neurons, neuron, recurrent)
 
-    def _run_steps(
-        self, current: Tensor, neurons: Tensor, fired: Tensor, change: Tensor | None
-    ) -> tuple[Tensor, Tensor, Tensor | None]:
-        """Run step by step: what neurons hear from one another may differ from member to member."""
-        is_lif, recurrent = type(self.layer.neuron) is LIF, self.layer.recurrent
-        if recurrent is not None and not is_lif:
+    def _run_steps(self, current: Tensor, neurons: Tensor, recurrent: Tensor) -> tuple[Tensor, Tensor]:
+        """Run step by step with recurrent weights (batch, neurons, neurons)."""
+        fired, is_lif, spikes = self._fired(neurons), type(self.layer.neuron) is LIF, []
+        if not is_lif:
             neurons = neurons[:, : -self.layer.neurons]
-        spikes, distances = [], []
-        for now in current.unbind():
-            if recurrent is not None:
-                now = now + recurrent(fired)
-            if change is not None:
-                now = now + torch.einsum("bs,bns->bn", fired, change)
-            window, neurons = self._scan(now.unsqueeze(0).clone(), neurons, None)
+        for now in current.split(1):
+            heard = (recurrent @ fired.unsqueeze(2)).squeeze(2)
+            window, neurons = self._scan(now + heard, neurons, None)
             fired = window[0]
-            spikes.append(fired)
-            if is_lif:
-                distances.append(neurons.detach() - self._threshold)
-        if recurrent is not None and not is_lif:
-            neurons = torch.cat([neurons, fired], dim=1)
-        return torch.stack(spikes), neurons, torch.stack(distances) if distances else None
+            spikes.append(window)
+        return torch.cat(spikes), neurons if is_lif else torch.cat([neurons, fired], dim=1)
+
+    @torch.no_grad()
+    def _distance(self, current: Tensor, potential: Tensor, spikes: Tensor) -> Tensor:
+        """Return how far the potentials of LIF neurons were above their thresholds (steps, batch, neurons).
+
+        ``current`` is all that they heard, ``potential`` (batch, neurons) that before the window.
+        """
+        assert isinstance(self.layer.neuron, LIF)
+        before = torch.cat([self._fired(potential).unsqueeze(0), spikes[:-1]])
+        potentials = []
+        for now, left in zip(current, self.layer.neuron.decay * (1 - before), strict=True):
+            potential = torch.addcmul(now, potential, left)
+            potentials.append(potential)
+        return torch.stack(potentials) - self._threshold()

@@ -268,13 +268,13 @@ layers:
 def test_eprop_teaches_a_recurrent_network_on_line() -> None:
     """Two rates as functions of a cue, by the error of the window before, which had the same cue."""
     ends = []
-    for seed in (0, 1, 2):
+    for seed in (0, 1):
         region = build(TRACKER, seed)
         code, rate = region.input_ports["cue"].code, region.output_ports["rate"].code
         assert code is not None and rate is not None
         generator = torch.Generator().manual_seed(seed)
         state, errors = region.init_state(1), []
-        for _ in range(300):
+        for _ in range(200):
             cue = torch.rand(1, 1, generator=generator)
             wanted = torch.cat([100 + 300 * cue, 400 - 300 * cue.square()], dim=1)
             error = torch.zeros(1, 2)
@@ -283,6 +283,5 @@ def test_eprop_teaches_a_recurrent_network_on_line() -> None:
                     outputs, state = region.step({"cue": code.encode(cue, 50, generator), "error": error}, state)
                 error = wanted - rate.decode(outputs["rate"])
             errors.append(error.abs().mean())
-        ends.append((float(torch.stack(errors[:10]).mean()), float(torch.stack(errors[-50:]).mean())))
-    print(ends)
+        ends.append((float(torch.stack(errors[:10]).mean()), float(torch.stack(errors[-20:]).mean())))
     assert all(after < before / 3 for before, after in ends)
