@@ -18,7 +18,7 @@ class ClimbingFibre(ModulatedRule):
 
     Each step adds ``ltp * source`` and takes off ``ltd * climbing * trace``, where climbing is the modulator and the
     trace that of the parallel fibre. Both balance where a cell is told ``ltp / ltd * (1 - exp(-step / tau))`` on
-    average, whatever the parallel fibres do. Source: Ito 1989 for the depression; the exponential trace is ours.
+    average, whatever the parallel fibres do. Source: Ito 2001 for the depression; the exponential trace is ours.
     """
 
     source_traces: ClassVar[tuple[str, ...]] = ("source",)

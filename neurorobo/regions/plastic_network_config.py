@@ -82,7 +82,7 @@ class PlasticLayerConfig(LayerConfig):
 class Modulator(BaseModel):
     """A quantity that tells synapses how much to learn; it holds for all steps of a window.
 
-    That rewards solve a task only without their mean: Fremaux, Sprekeler & Gerstner 2010.
+    Why a reward had better come without its mean: Fremaux, Sprekeler & Gerstner 2010.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)

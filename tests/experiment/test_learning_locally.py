@@ -108,6 +108,6 @@ def test_a_plugin_can_add_a_rule(monkeypatch: pytest.MonkeyPatch) -> None:
     brain = build_brain(load(text, registry))
     assert tick(brain, brain.init_state([1]), 5).regions["other"][LEARNED].max() > 0
     schema = experiment_schema(registry)["$defs"]
-    assert "acme.hebb" in str(schema["rule by its type"])
+    assert "acme.hebb" in str(schema["rule"])
     assert "acme.hebb" not in str(schema["rule by its phase"])
-    assert "supervise" not in str(schema["rule by its type"])
+    assert "supervise" not in str(schema["rule"])
