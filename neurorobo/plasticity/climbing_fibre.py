@@ -7,7 +7,6 @@ from pydantic import Field
 
 from neurorobo.plasticity.rule import Activity, ModulatedRule, Term, TimeConstant
 from neurorobo.plasticity.traces import with_each_step
-from neurorobo.units import parse_duration_ns
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -27,9 +26,7 @@ class ClimbingFibre(ModulatedRule):
     modulator: str = Field(description="The modulator that the climbing fibres tell, of those of the region.")
     ltp: float = Field(ge=0, description="What a spike of a parallel fibre adds.")
     ltd: float = Field(ge=0, description="What a climbing fibre that tells 1 for a step takes off just after a spike.")
-    tau: TimeConstant = Field(
-        default=parse_duration_ns("100 ms"), description="For how long a parallel fibre is held responsible."
-    )
+    tau: TimeConstant = Field(default=100_000_000, description="For how long a parallel fibre is held responsible.")
 
     def terms(
         self, activity: Activity, traces: "Mapping[str, Tensor]"

@@ -1,13 +1,11 @@
 """Eligibility propagation: gradients through time that no synapse has to wait for."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, ClassVar, Literal
 
 from pydantic import Field
 
-from neurorobo.clock import Clock
-from neurorobo.errors import Fault
-from neurorobo.neurons import LIF, Neuron
+from neurorobo.neurons import LIF
 from neurorobo.plasticity.rule import Activity, ModulatedRule, Term
 from neurorobo.plasticity.traces import with_each_step
 
@@ -40,13 +38,3 @@ class EProp(ModulatedRule):
         psi = neuron.surrogate.derivative(activity.distance)
         trace, after = with_each_step(activity.sources, traces["source"], neuron.decay)
         return [Term(psi, trace)], {"source": after}
-
-    def faults(self, clock: Clock, neuron: Neuron) -> Iterator[Fault]:
-        """Yield what all rules do, and whether the neuron has no such derivative."""
-        yield from super().faults(clock, neuron)
-        if not isinstance(neuron, LIF) or neuron.rectify:
-            yield Fault(
-                ("type",),
-                "e-prop takes the surrogate derivative and the decay of the neuron `lif`, and this layer has another "
-                "one; take `lif`, or a rule that needs neither",
-            )

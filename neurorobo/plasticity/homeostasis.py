@@ -7,7 +7,7 @@ from pydantic import Field
 
 from neurorobo.plasticity.rule import Activity, LearningRule, Term, TimeConstant
 from neurorobo.plasticity.traces import with_each_step
-from neurorobo.units import Unit, parse_duration_ns
+from neurorobo.units import Unit
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -27,7 +27,7 @@ class SynapticScaling(LearningRule):
     type: Literal["synaptic_scaling"] = "synaptic_scaling"
     learning_rate: float = Field(ge=0, description="What share of itself a weight changes by, per second and Hz.")
     rate: Annotated[float, Unit("Hz", ge=0)] = Field(description="The firing rate of each target that is wanted.")
-    tau: TimeConstant = Field(default=parse_duration_ns("1 s"), description="Over which the firing is averaged.")
+    tau: TimeConstant = Field(default=1_000_000_000, description="Over which the firing is averaged.")
 
     def terms(
         self, activity: Activity, traces: "Mapping[str, Tensor]"

@@ -11,7 +11,7 @@ from pydantic.fields import FieldInfo
 
 from neurorobo.clock import Clock
 from neurorobo.errors import Fault
-from neurorobo.neurons import Neuron
+from neurorobo.neurons import LIF, Neuron
 from neurorobo.units import Duration, format_duration
 
 if TYPE_CHECKING:
@@ -65,7 +65,7 @@ class LearningRule(BaseModel, ABC):
     A rule is registered under the kind ``rule``; it must import torch within its methods only. ``source_traces`` and
     ``target_traces`` name what it remembers of each source and of each target, numbers that start at 0. A rule that is
     ``in_proportion`` says by what share of themselves weights change, any other one by how much. One that
-    ``needs_potential`` makes its layer run step by step.
+    ``needs_potential`` is for LIF neurons, and is told how far these are from their thresholds.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
@@ -101,6 +101,12 @@ class LearningRule(BaseModel, ABC):
             if _is_time_constant(field) and time_ns is not None and time_ns < clock.spike_step_ns:
                 step = format_duration(clock.spike_step_ns)
                 yield Fault((name,), f"{format_duration(time_ns)} is shorter than a spike step of {step}; take more")
+        if self.needs_potential and (type(neuron) is not LIF or neuron.rectify):
+            yield Fault(
+                ("type",),
+                "needs the potential, the decay and the surrogate derivative of the neuron `lif`, and this layer has "
+                "another one; take `lif`, or a rule that needs none of them",
+            )
 
 
 def _is_time_constant(field: FieldInfo) -> bool:

@@ -7,7 +7,6 @@ from pydantic import Field
 
 from neurorobo.plasticity.rule import Activity, ModulatedRule, Term, TimeConstant
 from neurorobo.plasticity.traces import before_each_step, with_each_step
-from neurorobo.units import parse_duration_ns
 
 if TYPE_CHECKING:
     from torch import Tensor
@@ -27,8 +26,8 @@ class PairStdp(ModulatedRule):
     type: Literal["pair_stdp"] = "pair_stdp"
     a_plus: float = Field(default=0.005, description="What the closest pair adds, source first.")
     a_minus: float = Field(default=0.00525, description="What the closest pair takes off, target first.")
-    tau_plus: TimeConstant = parse_duration_ns("20 ms")
-    tau_minus: TimeConstant = parse_duration_ns("20 ms")
+    tau_plus: TimeConstant = 20_000_000
+    tau_minus: TimeConstant = 20_000_000
 
     def terms(
         self, activity: Activity, traces: "Mapping[str, Tensor]"
@@ -57,10 +56,10 @@ class TripletStdp(ModulatedRule):
     a3_plus: float = Field(default=6.2e-3, description="What the closest triplet of target, source, target adds.")
     a2_minus: float = Field(default=7e-3, description="What the closest pair takes off, target first.")
     a3_minus: float = Field(default=2.3e-4, description="What the closest triplet of source, target, source takes off.")
-    tau_plus: TimeConstant = parse_duration_ns("16.8 ms")
-    tau_minus: TimeConstant = parse_duration_ns("33.7 ms")
-    tau_x: TimeConstant = Field(default=parse_duration_ns("101 ms"), description="Of the source's slow trace.")
-    tau_y: TimeConstant = Field(default=parse_duration_ns("125 ms"), description="Of the target's slow trace.")
+    tau_plus: TimeConstant = 16_800_000
+    tau_minus: TimeConstant = 33_700_000
+    tau_x: TimeConstant = Field(default=101_000_000, description="Of the source's slow trace.")
+    tau_y: TimeConstant = Field(default=125_000_000, description="Of the target's slow trace.")
 
     def terms(
         self, activity: Activity, traces: "Mapping[str, Tensor]"

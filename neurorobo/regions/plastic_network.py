@@ -137,4 +137,4 @@ def _mean(modulator: str) -> str:
 
 def _feedback(layer: str, modulator: str) -> str:
     """Return the name of the fixed random weights from a modulator to a layer."""
-    return f"feedback_{layer}_{modulator}"
+    return f"feedback:{layer}:{modulator}"

@@ -94,7 +94,6 @@ class Modulator(BaseModel):
         description="The value of all components before its source has spoken, which a delayed one needs; without it, "
         "the modulator has to be wired.",
     )
-
     baseline: Annotated[Duration, Field(gt=0)] | None = Field(
         default=None,
         description="The time over which its mean is taken, so that synapses are told what is more than usual, as a "

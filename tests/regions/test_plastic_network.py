@@ -200,7 +200,12 @@ HIDDEN, PURKINJE = "layers.hidden.synapses", "layers.purkinje.synapses"
         (f"{HIDDEN}.noise", {"fan_in": 2}, f"{HIDDEN}.noise", "has no synapses from `noise`"),
         ("layers.hidden.recurrent", False, f"{HIDDEN}.recurrent", "has no synapses from `recurrent`"),
         ("layers.hidden.reads", ["cue", "granule", "cue"], f"{HIDDEN}.cue", "more than once"),
-        ("layers.hidden.neuron", "spiking_neural_unit", f"{HIDDEN}.cue.learns.0.type", "e-prop takes the surrogate"),
+        (
+            "layers.hidden.neuron",
+            "spiking_neural_unit",
+            f"{HIDDEN}.cue.learns.0.type",
+            "needs the potential, the decay and the surrogate",
+        ),
         (
             f"{HIDDEN}.recurrent.learns.0.tau_y",
             "0.5 ms",
