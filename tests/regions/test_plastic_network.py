@@ -57,8 +57,8 @@ def inputs(region: PlasticNetwork, window: int, batch: int) -> dict[str, Tensor]
 
 
 @torch.no_grad()
-def run(region: PlasticNetwork, windows: int, batch: int, state: State | None = None) -> tuple[Tensor, State]:
-    state, spikes = region.init_state(batch) if state is None else state, []
+def run(region: PlasticNetwork, windows: int, batch: int) -> tuple[Tensor, State]:
+    state, spikes = region.init_state(batch), []
     for window in range(windows):
         outputs, state = region.step(inputs(region, window, batch), state)
         spikes.append(outputs["rate"])
@@ -95,29 +95,19 @@ def test_members_of_a_batch_learn_bit_for_bit_what_they_learn_alone() -> None:
         assert torch.equal(value[:1], own[name]), name
 
 
+@torch.no_grad()
 def test_learned_synapses_do_what_such_weights_do() -> None:
-    """What a network has learned, written into the weights of another one that begins there: the same spikes."""
-    region, fixed = build(EVERY), build(EVERY)
-    _, state = run(region, 10, 1)
-    layers = {name: fixed.parameter_groups()[name] for name in ("hidden", "purkinje")}
+    """What a network has learned, added to the weights of another one that has learned nothing: the same spikes."""
+    region, other = build(EVERY), build(EVERY)
+    _, learned = run(region, 10, 1)
+    untaught = learned | {name: torch.zeros_like(learned[name]) for name in region.learned}
     for name in region.learned:
         layer, source, _ = name.split(".")
-        config = region.config.layers[layer]
-        projection = (
-            layers[layer].recurrent if source == "recurrent" else layers[layer].projections[config.reads.index(source)]
-        )
-        with torch.no_grad():
-            projection.weight += to_grid(state[name][0], 14)
-        state[name] = torch.zeros_like(state[name])
-    begun = dict(state)
-    for name in region.learned:
-        begun[name] = state[name]
+        group, reads = other.parameter_groups()[layer], region.config.layers[layer].reads
+        projection = group.recurrent if source == "recurrent" else group.projections[reads.index(source)]
+        projection.weight += to_grid(learned[name][0], 14)
     told = inputs(region, 99, 1)
-    _, learned = run(region, 10, 1)
-    with torch.no_grad():
-        one, _ = region.step(told, learned)
-        other, _ = fixed.step(told, begun)
-    assert torch.equal(one["rate"], other["rate"])
+    assert torch.equal(region.step(told, learned)[0]["rate"], other.step(told, untaught)[0]["rate"])
 
 
 def off(value: Mapping[str, Any]) -> dict[str, Any]:
