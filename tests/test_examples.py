@@ -70,6 +70,18 @@ def test_the_network_of_a_tutorial_of_snntorch_fires_the_same_spikes_here(tmp_pa
     assert found[0]["episodes"] != found[1]["episodes"]  # the images are drawn as spikes
 
 
+def test_neurons_learn_to_fire_more_by_a_reward_that_comes_late(tmp_path: Path) -> None:
+    """Those that are rewarded, and not the others, who are told the same."""
+    rates = []
+    for duration in ("10 s", "120 s"):
+        summary = run(tmp_path / duration, "distal_reward.yaml", "--set", f"episode.duration={duration}")
+        (episode,) = summary["episodes"]  # type: ignore[misc]
+        rates.append([1000 * episode[f"firing_rate.{name}"] for name in ("rewarded", "other")])
+    (rewarded, other), (rewarded_later, other_later) = rates
+    assert rewarded_later > 1.15 * rewarded  # on average over all 120 s; in the end it is half as much again
+    assert other_later < 1.1 * other
+
+
 def test_a_run_can_be_repeated_from_its_folder_bit_for_bit(tmp_path: Path) -> None:
     first = run(tmp_path, "peg_in_hole_teachers.yaml", "--seed", "1000")
     (tmp_path / "run").rename(tmp_path / "before")

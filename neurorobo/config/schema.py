@@ -24,17 +24,18 @@ def experiment_schema(registry: Registry) -> Schema:
         kinds |= found  # a registered type can have fields of further kinds
     root = _generate(registry, kinds)
     definitions = root["$defs"]
-    keys = {}
+    places: set[tuple[Kind, str]] = set()
     for note in [*_notes(root)]:
         plugged = note.pop("plugged")
-        keys[plugged["kind"]] = plugged["key"]
-        note["$ref"] = f"#/$defs/{plugged['kind']}"
-    for kind, key in keys.items():
-        names = [name for name, _ in _models(registry, kind)]
+        places.add((plugged["kind"], plugged["key"]))
+        note["$ref"] = f"#/$defs/{_named_by(**plugged)}"
+    for kind, key in sorted(places):
+        # Phases of training and what synapses learn by are rules both: a type belongs where its model has the key.
+        names = [name for name, model in _models(registry, kind) if key in model.model_fields]
         for name in names:
             definitions[f"{kind} {name}"] = _of_type(definitions[f"{kind} {name}"], key, name)
         choices = [_bare(names), *({"$ref": f"#/$defs/{kind} {name}"} for name in names)]
-        definitions[kind] = {"oneOf": choices} if names else False
+        definitions[_named_by(kind, key)] = {"oneOf": choices} if names else False
     if recorders := registry.names("recorder"):
         root["properties"]["record"]["items"] = _bare(recorders)
     return root
@@ -95,6 +96,11 @@ def _of_type(definition: Schema, key: str, name: str) -> Schema:
     properties = {**definition["properties"], key: {"enum": _spellings(name)}}
     required = sorted({*definition.get("required", ()), key})
     return {**definition, "title": name, "properties": properties, "required": required}
+
+
+def _named_by(kind: Kind, key: str) -> str:
+    """Return the name of the definition of all types of a kind that a file names under a key."""
+    return kind if key == "type" else f"{kind} by its {key}"
 
 
 def _bare(names: Iterable[str]) -> Schema:

@@ -38,6 +38,12 @@ def neurorobo_register(registry: Registrar) -> None:
         "neurorobo.regions.delta_config:DeltaDecoderConfig",
         "adds up the changes that a delta_encoder sends",
     )
+    registry.add(
+        "region",
+        "core.plastic_network",
+        "neurorobo.regions.plastic_network_config:PlasticNetworkConfig",
+        "a spiking network whose synapses learn by local rules while it runs",
+    )
     registry.add("neuron", "core.lif", "neurorobo.neurons.config:LIFConfig", "leaky integrate-and-fire, iterative")
     registry.add(
         "neuron",
@@ -99,6 +105,33 @@ def neurorobo_register(registry: Registrar) -> None:
         "core.ppo",
         "neurorobo.learning.ppo_config:PpoPhase",
         "learns from the task's reward in the closed loop",
+    )
+    registry.add(
+        "rule", "core.pair_stdp", "neurorobo.plasticity.stdp:PairStdp", "STDP of pairs; with a modulator, by reward"
+    )
+    registry.add(
+        "rule",
+        "core.triplet_stdp",
+        "neurorobo.plasticity.stdp:TripletStdp",
+        "STDP of triplets, which depends on the frequency",
+    )
+    registry.add(
+        "rule",
+        "core.eprop",
+        "neurorobo.plasticity.eprop:EProp",
+        "gradients on line, by a learning signal and eligibility propagation",
+    )
+    registry.add(
+        "rule",
+        "core.climbing_fibres",
+        "neurorobo.plasticity.climbing_fibre:ClimbingFibre",
+        "depression taught by climbing fibres, potentiation without them",
+    )
+    registry.add(
+        "rule",
+        "core.synaptic_scaling",
+        "neurorobo.plasticity.homeostasis:SynapticScaling",
+        "homeostasis: scales synapses until their targets fire at a rate",
     )
     registry.add(
         "recorder",

@@ -11,7 +11,7 @@ from neurorobo.engine import Circuit, Layer
 from neurorobo.engine.circuit import Reads
 from neurorobo.regions.region import Probe, Region, State
 from neurorobo.regions.spiking_network_config import INPUTS, LayeredNetworkConfig
-from neurorobo.synapses import Dense
+from neurorobo.synapses import Dense, Projection
 
 ALWAYS = "1"
 """The circuit's input that fires in every step: the source of constant currents. No port has such a name."""
@@ -26,17 +26,18 @@ class LayeredNetwork(Region, ABC):
 
     def __init__(self, config: LayeredNetworkConfig, clock: Clock, generator: torch.Generator) -> None:
         super().__init__(config, clock, generator)
-        inputs = tuple(self.input_ports)
-        sizes = {INPUTS: sum(port.channels for port in self.input_ports.values())}
+        inputs = tuple(config.receives)
+        sizes = {name: self.input_ports[name].channels for name in inputs}
+        sizes[INPUTS] = sum(sizes.values())
         self.layers = nn.ModuleDict()
         stages: dict[str, tuple[Layer, list[Reads]]] = {}
         for name, layer in config.layers.items():
-            projections = [Dense(sizes[read], layer.neurons, generator, gain=config.gain) for read in layer.reads]
+            projections = [self._projection(name, read, sizes[read], generator) for read in layer.reads]
             reads: list[Reads] = [inputs if read == INPUTS else read for read in layer.reads]
             if layer.bias:
                 projections.append(Dense(1, layer.neurons, generator, gain=0.0))
                 reads.append(ALWAYS)
-            recurrent = Dense(layer.neurons, layer.neurons, generator, gain=0.5) if layer.recurrent else None
+            recurrent = self._recurrent(name, generator) if layer.recurrent else None
             built = Layer(projections, layer.neuron.build(), recurrent, trainable_threshold=layer.own_thresholds)
             self.layers[_PREFIX + name] = built
             stages[name] = (built, reads)
@@ -54,6 +55,15 @@ class LayeredNetwork(Region, ABC):
         some = next(iter(inputs.values()))
         ones = some.new_ones((*some.shape[:2], 1))
         return self._circuit({**inputs, ALWAYS: ones}, state, wanted, probe)
+
+    def _projection(self, layer: str, read: str, sources: int, generator: torch.Generator) -> Projection:
+        """Return fresh synapses onto a layer."""
+        return Dense(sources, self.config.layers[layer].neurons, generator, gain=self.config.gain)
+
+    def _recurrent(self, layer: str, generator: torch.Generator) -> Dense:
+        """Return fresh synapses among the neurons of a layer."""
+        neurons = self.config.layers[layer].neurons
+        return Dense(neurons, neurons, generator, gain=0.5)
 
     def parameter_groups(self) -> Mapping[str, nn.Module]:
         """Return the layers by name."""

@@ -28,7 +28,8 @@ class LayerConfig(BaseModel):
 
     neurons: int = Field(ge=1)
     reads: tuple[str, ...] = Field(
-        min_length=1, description="Layers before it, or `inputs`, which is all inputs side by side; all to all."
+        min_length=1,
+        description="Layers before it, inputs, or `inputs`, which are all inputs side by side; all to all.",
     )
     recurrent: bool = Field(default=False, description="Whether its neurons excite one another, a step later.")
     bias: bool = Field(default=False, description="Whether each neuron has a constant current of its own.")
@@ -49,7 +50,7 @@ class LayeredNetworkConfig(RegionConfig, ABC):
 
     @model_validator(mode="after")
     def _sources_come_first(self) -> Self:
-        known: list[str] = [INPUTS]
+        known: list[str] = [INPUTS, *self.receives]
         for name, layer in self.layers.items():
             if name == INPUTS or name in self.receives:
                 raise ValueError(f"no layer can be called `{name}`, as an input is; call it otherwise")
@@ -58,7 +59,8 @@ class LayeredNetworkConfig(RegionConfig, ABC):
                     raise ValueError(f"the layer `{name}` reads itself; say `recurrent: true` instead")
                 if read not in known:
                     raise ValueError(
-                        f"the layer `{name}` reads `{read}`, which is no layer before it{did_you_mean(read, known)}"
+                        f"the layer `{name}` reads `{read}`, which is neither an input nor a layer before it"
+                        f"{did_you_mean(read, known)}"
                     )
             known.append(name)
         return self
