@@ -269,7 +269,7 @@ def test_eprop_teaches_a_recurrent_network_on_line() -> None:
         assert code is not None and rate is not None
         generator = torch.Generator().manual_seed(seed)
         state, errors = region.init_state(1), []
-        for _ in range(200):
+        for _ in range(120):
             cue = torch.rand(1, 1, generator=generator)
             wanted = torch.cat([100 + 300 * cue, 400 - 300 * cue.square()], dim=1)
             error = torch.zeros(1, 2)
