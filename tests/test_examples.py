@@ -1,15 +1,26 @@
 """Every example does what it is there for."""
 
 import json
+import runpy
 import subprocess
 import sys
 from importlib.util import find_spec
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from neurorobo.config.experiment import load_experiment
+from neurorobo.experiment.lessons import read_lessons
+from neurorobo.experiment.train import train_experiment
+from neurorobo.plugins import Registry
+
 EXAMPLES = Path(__file__).parents[1] / "examples"
-INSERTIONS = sorted(path.name for path in EXAMPLES.glob("*.yaml") if path.name != "minimal.yaml")
+INSERTIONS = sorted(path.name for path in [*EXAMPLES.glob("peg_*.yaml"), *EXAMPLES.glob("baseline_*.yaml")])
+
+needs_mujoco = pytest.mark.skipif(
+    any(find_spec(name) is None for name in ("mujoco", "glfw", "imageio")), reason="the extra `mujoco` is not installed"
+)
 
 
 def run(tmp_path: Path, file: str, *options: str) -> dict[str, object]:
@@ -52,6 +63,30 @@ def test_the_minimal_example_spikes_without_a_robot(tmp_path: Path) -> None:
     summary = run(tmp_path, "minimal.yaml")
     assert set(summary["aggregate"]) == {"firing_rate.ping", "firing_rate.pong", "saturations"}  # type: ignore[call-overload]
     assert len((EXAMPLES / "minimal.yaml").read_text().splitlines()) < 25
+
+
+@pytest.mark.parametrize(
+    ("file", "least"), [("pendulum.yaml", -500.0), pytest.param("double_pendulum.yaml", 5000.0, marks=needs_mujoco)]
+)
+def test_a_pendulum_is_held_up_by_the_weights_that_the_reward_has_left(tmp_path: Path, file: str, least: float) -> None:
+    """Fresh weights gain -1400 and 30."""
+    summary = run(tmp_path, file, "--seed", "1000", "--episodes", "4")
+    assert summary["aggregate"]["return"]["mean"] > least  # type: ignore[index]
+    assert {path.name for path in (tmp_path / "run").iterdir()} >= {"summary.json", "trajectory.parquet"}
+
+
+@needs_mujoco
+@pytest.mark.parametrize("actor", ["spiking", "dense"])
+def test_ppo_learns_an_environment_from_fresh_weights(tmp_path: Path, actor: str) -> None:
+    """As the benchmark trains, only much shorter."""
+    benchmark = runpy.run_path(str(EXAMPLES.parent / "benchmarks" / "control" / "returns.py"))
+    file = EXAMPLES / "double_pendulum.yaml"
+    shorter = ["train.0.iterations=10", "train.0.validation.episodes=4", "train.0.held_out.episodes=8"]
+    changes = [*benchmark["overrides"](actor, load_experiment(file), 1000), *shorter]
+    experiment = load_experiment(file, changes, registry := Registry.discover())
+    reports = train_experiment(experiment, read_lessons(experiment, registry)[:1], tmp_path)
+    found = reports[0].evaluation["held_out"]
+    assert np.mean(found["after"]["return"]) > 1.5 * np.mean(found["before"]["return"])
 
 
 def test_a_run_can_be_repeated_from_its_folder_bit_for_bit(tmp_path: Path) -> None:

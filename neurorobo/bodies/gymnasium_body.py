@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from neurorobo.bodies.body import Array, Body
 from neurorobo.bodies.gymnasium_body_config import GymnasiumBodyConfig
-from neurorobo.bodies.gymnasium_spaces import action, make, observed
+from neurorobo.bodies.gymnasium_spaces import make, to_action, to_vector
 from neurorobo.errors import NeuroroboError
 from neurorobo.units import format_duration
 
@@ -32,11 +32,11 @@ class GymnasiumBody(Body):
         spaces = config.spaces
         self._config = config
         self._period_ns = spaces.period_ns
-        self._bounds = spaces.done
-        self._still = np.clip(0.0, *spaces.done)
-        self._seen = {name: sensor.indices(spaces.observed) for name, sensor in config.senses.items()}
-        self._moved = {name: actuator.indices(spaces.done) for name, actuator in config.moves.items()}
-        self._width = len(spaces.observed[0])
+        self._bounds = spaces.action
+        self._still = np.clip(0.0, *spaces.action)
+        self._seen = {name: sensor.indices(spaces.observation) for name, sensor in config.senses.items()}
+        self._moved = {name: actuator.indices(spaces.action) for name, actuator in config.moves.items()}
+        self._width = len(spaces.observation[0])
         self._environments: list[Env[Any, Any]] = []
         self.reset([])
 
@@ -54,7 +54,7 @@ class GymnasiumBody(Body):
         for i, seed in zip(np.flatnonzero(which), seeds, strict=True):
             environment = self._environments[i]
             observation, _ = environment.reset(seed=int(seed))
-            self._observation[i] = observed(environment, observation)
+            self._observation[i] = to_vector(environment, observation)
         self._action[which] = self._still
         self.reward[which] = 0.0
         self.terminated[which] = self.truncated[which] = False
@@ -68,19 +68,19 @@ class GymnasiumBody(Body):
 
     def advance(self, commands: Mapping[str, Array], duration_ns: int) -> None:
         """Take one step; a NeuroroboError if the environment's steps have another length."""
-        if self._period_ns not in (None, duration_ns):
+        if self._period_ns is not None and duration_ns != self._period_ns:
+            period = format_duration(self._period_ns)
             raise NeuroroboError(
-                f"a step of `{self._config.environment}` takes {format_duration(self._period_ns or 0)}, not "
-                f"{format_duration(duration_ns)}; write `time: {{control: {format_duration(self._period_ns or 0)}, ...}}`, "
-                "and let no period be shorter"
+                f"a step of `{self._config.environment}` takes {period}, not {format_duration(duration_ns)}; "
+                f"write `time: {{control: {period}, ...}}`, and let no other period be shorter"
             )
         for name, values in commands.items():
             self._action[:, self._moved[name]] = values
         self.reward[:] = 0.0
         for i in np.flatnonzero(~(self.terminated | self.truncated)):
             environment = self._environments[i]
-            observation, reward, terminated, truncated, _ = environment.step(action(environment, self._action[i]))
-            self._observation[i] = observed(environment, observation)
+            observation, reward, terminated, truncated, _ = environment.step(to_action(environment, self._action[i]))
+            self._observation[i] = to_vector(environment, observation)
             self.reward[i], self.terminated[i], self.truncated[i] = float(reward), terminated, truncated
 
     def limits(self, duration_ns: int) -> dict[str, tuple[Array, Array]]:

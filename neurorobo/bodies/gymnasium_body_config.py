@@ -6,8 +6,8 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
 
-from neurorobo.bodies.body import Actuator, Array, BodyConfig, Sensor
-from neurorobo.bodies.gymnasium_spaces import Spaces, spaces
+from neurorobo.bodies.body import Actuator, BodyConfig, Sensor
+from neurorobo.bodies.gymnasium_spaces import Bounds, Spaces, spaces
 from neurorobo.errors import NeuroroboError
 from neurorobo.units import parse_interval, same_unit
 
@@ -30,7 +30,7 @@ class EnvironmentActuator(BaseModel):
         same_unit(unit, unit)
         return unit
 
-    def indices(self, bounds: tuple[Array, Array]) -> list[int]:
+    def indices(self, bounds: Bounds) -> list[int]:
         """Return the elements, of those there are."""
         return list(range(len(bounds[0]))) if self.elements is None else list(self.elements)
 
@@ -49,7 +49,7 @@ class EnvironmentSensor(EnvironmentActuator):
             parse_interval(self.range, self.unit)
         return self
 
-    def ends(self, bounds: tuple[Array, Array]) -> tuple[float, float]:
+    def ends(self, bounds: Bounds) -> tuple[float, float]:
         """Return the least and the largest that it can show."""
         if self.range is not None:
             interval = parse_interval(self.range, self.unit)
@@ -89,10 +89,10 @@ class GymnasiumBodyConfig(BodyConfig):
         except NeuroroboError as error:
             raise ValueError(str(error)) from error
         faults = [
-            *_beyond("sensors", self.senses, found.observed),
-            *_beyond("actuators", self.moves, found.done),
+            *_beyond("sensors", self.senses, found.observation),
+            *_beyond("actuators", self.moves, found.action),
         ]
-        faults = faults or [*self._unbounded(found.observed), *self._not_shared(found.done)]
+        faults = faults or [*self._unbounded(found.observation), *self._not_shared(found.action)]
         if faults:
             raise ValueError("; ".join(faults))
         return self
@@ -104,20 +104,21 @@ class GymnasiumBodyConfig(BodyConfig):
 
     def sensors(self) -> dict[str, Sensor]:
         """Return the sensors that the file names; each ranges over all that its elements do."""
-        bounds = self.spaces.observed
+        bounds = self.spaces.observation
         return {
             name: Sensor(each.unit, len(each.indices(bounds)), *each.ends(bounds)) for name, each in self.senses.items()
         }
 
     def actuators(self) -> dict[str, Actuator]:
         """Return the actuators that the file names; an action holds until the next one."""
-        bounds = self.spaces.done
+        bounds = self.spaces.action
+        elements = {name: each.indices(bounds) for name, each in self.moves.items()}
         return {
-            name: Actuator(each.unit, len(indices := each.indices(bounds)), *_ends(indices, bounds))
-            for name, each in self.moves.items()
+            name: Actuator(self.moves[name].unit, len(indices), *_ends(indices, bounds))
+            for name, indices in elements.items()
         }
 
-    def _unbounded(self, bounds: tuple[Array, Array]) -> Iterable[str]:
+    def _unbounded(self, bounds: Bounds) -> Iterable[str]:
         """Yield the sensors with elements that have no bounds and are given none."""
         for name, sensor in self.senses.items():
             endless = [i for i in sensor.indices(bounds) if not np.isfinite([bounds[0][i], bounds[1][i]]).all()]
@@ -127,18 +128,18 @@ class GymnasiumBodyConfig(BodyConfig):
                     f"have no bounds; give the sensor a `range`, such as `{{elements: [{endless[0]}], range: -10..10}}`"
                 )
 
-    def _not_shared(self, bounds: tuple[Array, Array]) -> Iterable[str]:
+    def _not_shared(self, bounds: Bounds) -> Iterable[str]:
         """Yield the elements of the action that not exactly one actuator has."""
         taken = [i for actuator in self.moves.values() for i in actuator.indices(bounds)]
         if odd := [i for i in range(len(bounds[0])) if taken.count(i) != 1]:
             yield f"`actuators`: elements {_listed(odd)} of the action must each belong to one actuator"
 
 
-def _ends(indices: list[int], bounds: tuple[Array, Array]) -> tuple[float, float]:
+def _ends(indices: list[int], bounds: Bounds) -> tuple[float, float]:
     return float(bounds[0][indices].min()), float(bounds[1][indices].max())
 
 
-def _beyond(kind: str, channels: Mapping[str, EnvironmentActuator], bounds: tuple[Array, Array]) -> Iterable[str]:
+def _beyond(kind: str, channels: Mapping[str, EnvironmentActuator], bounds: Bounds) -> Iterable[str]:
     """Yield the channels with elements that there are not."""
     for name, channel in channels.items():
         if beyond := [i for i in channel.indices(bounds) if i >= len(bounds[0])]:

@@ -7,13 +7,15 @@ from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from neurorobo.bodies.body import Array
 from neurorobo.errors import NeuroroboError
 
 if TYPE_CHECKING:
     from gymnasium import Env
+    from gymnasium.spaces import Box
+
+Bounds = tuple[Array, Array]
 
 MUJOCO = ("mujoco", "glfw", "imageio")
 """The packages that Gymnasium's environments of MuJoCo import."""
@@ -21,14 +23,14 @@ MUJOCO = ("mujoco", "glfw", "imageio")
 
 @dataclass(frozen=True)
 class Spaces:
-    """An environment's vectors: the least and largest of what is observed and done (elements), and its period.
+    """The least and the largest of each element that an environment observes and is told, and how long its steps are.
 
-    Of discrete actions, what is done is a preference for each, without bounds. ``period_ns`` is the environment's
+    Discrete actions have an element each, without bounds: how much it is preferred. ``period_ns`` is the environment's
     ``dt``, nothing if it does not say.
     """
 
-    observed: tuple[Array, Array]
-    done: tuple[Array, Array]
+    observation: Bounds
+    action: Bounds
     period_ns: int | None
 
 
@@ -56,19 +58,17 @@ def _spaces(environment: str, kwargs: str) -> Spaces:
         period_s = getattr(made.unwrapped, "dt", None)
     finally:
         made.close()
-    try:
-        flat = flatten_space(observation)
-    except NotImplementedError:
-        flat = observation
-    if not isinstance(flat, Box):
+    if not observation.is_np_flattenable:
         raise NeuroroboError(f"`{environment}` observes {observation}, which has no fixed number of elements")
+    flat = flatten_space(observation)
+    assert isinstance(flat, Box)
     if isinstance(action, Box):
-        done = _bounds(action)
+        commanded = _bounds(action)
     elif isinstance(action, Discrete):
-        done = np.full(int(action.n), -np.inf), np.full(int(action.n), np.inf)
+        commanded = np.full(int(action.n), -np.inf), np.full(int(action.n), np.inf)
     else:
         raise NeuroroboError(f"`{environment}` takes actions of {action}; only Box and Discrete can be commanded")
-    return Spaces(_bounds(flat), done, None if period_s is None else round(float(period_s) * 1e9))
+    return Spaces(_bounds(flat), commanded, None if period_s is None else round(float(period_s) * 1e9))
 
 
 def spaces(environment: str, kwargs: Mapping[str, Any]) -> Spaces:
@@ -80,23 +80,22 @@ def spaces(environment: str, kwargs: Mapping[str, Any]) -> Spaces:
     return _spaces(environment, key)
 
 
-def observed(environment: "Env[Any, Any]", observation: object) -> NDArray[np.float64]:
-    """Return what an environment has observed as one vector."""
+def to_vector(environment: "Env[Any, Any]", observation: object) -> Array:
+    """Return what an environment observes as its elements."""
     from gymnasium.spaces import flatten
 
     return np.asarray(flatten(environment.observation_space, observation), dtype=np.float64)
 
 
-def action(environment: "Env[Any, Any]", vector: Array) -> Any:
-    """Return the action that a vector of what is to be done stands for; of discrete ones the most preferred."""
-    from gymnasium.spaces import Box, Discrete
+def to_action(environment: "Env[Any, Any]", vector: Array) -> Any:
+    """Return the action of these elements; of discrete ones the most preferred."""
+    from gymnasium.spaces import Discrete
 
     space = environment.action_space
     if isinstance(space, Discrete):
         return int(space.start) + int(vector.argmax())
-    assert isinstance(space, Box)
     return vector.reshape(space.shape).astype(space.dtype)
 
 
-def _bounds(box: Any) -> tuple[Array, Array]:
+def _bounds(box: "Box") -> Bounds:
     return box.low.astype(np.float64).ravel(), box.high.astype(np.float64).ravel()

@@ -1,5 +1,6 @@
 """Any Gymnasium environment as a body: what it does is what the environment does by itself."""
 
+import itertools
 import sys
 from collections.abc import Callable
 from importlib.util import find_spec
@@ -8,7 +9,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 import pytest
-from gymnasium.spaces import Box, Dict, Discrete, MultiDiscrete, Space
+from gymnasium.spaces import Box, Dict, Discrete, MultiDiscrete, Sequence, Space
 from pydantic import ValidationError
 
 from neurorobo.bodies import Actuator, Sensor
@@ -25,12 +26,15 @@ PENDULUM = {
 }
 
 
+NUMBERS = itertools.count()
+
+
 class Toy(gymnasium.Env[Any, Any]):
     """Observes the last action, and of what kind it was."""
 
-    def __init__(self, action: Space[Any]) -> None:
+    def __init__(self, action: Space[Any], observation: Space[Any] | None = None) -> None:
         self.action_space = action
-        self.observation_space = Dict({"kind": Discrete(3), "echo": Box(-9.0, 9.0, (2, 2), np.float64)})
+        self.observation_space = observation or Dict({"kind": Discrete(3), "echo": Box(-9.0, 9.0, (2, 2), np.float64)})
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
         return {"kind": 0, "echo": np.zeros((2, 2))}, {}
@@ -42,12 +46,12 @@ class Toy(gymnasium.Env[Any, Any]):
 
 @pytest.fixture
 def toy() -> Any:
-    """Register a toy for an action space, for the length of a test; a fresh name each, as spaces are remembered."""
+    """Register a toy of these spaces, for the length of a test; of a fresh name each, as spaces are remembered."""
     made: list[str] = []
 
-    def register(action: Space[Any]) -> str:
-        name = f"neurorobo_tests/Toy{abs(hash(str(action)))}-v0"
-        gymnasium.register(name, entry_point=lambda: Toy(action), order_enforce=False)
+    def register(*spaces: Space[Any]) -> str:
+        name = f"neurorobo_tests/Toy{next(NUMBERS)}-v0"
+        gymnasium.register(name, entry_point=lambda: Toy(*spaces), order_enforce=False)
         made.append(name)
         return name
 
@@ -123,7 +127,7 @@ def test_of_discrete_actions_the_most_preferred_is_taken() -> None:
     assert body.read()["observation"][1, 1] < pushed_right[1]
 
 
-def test_what_is_no_vector_is_flattened_and_actions_get_their_shape(toy: Callable[[Space[Any]], str]) -> None:
+def test_what_is_no_vector_is_flattened_and_actions_get_their_shape(toy: Callable[..., str]) -> None:
     space = Box(np.array([[-1.0, -2.0]]), np.array([[1.0, 2.0]]), dtype=np.float64)
     body = GymnasiumBody(
         config(environment=toy(space), actuators={"right": {"elements": [1]}, "left": {"elements": [0]}})
@@ -136,10 +140,11 @@ def test_what_is_no_vector_is_flattened_and_actions_get_their_shape(toy: Callabl
     assert body.read()["observation"][0, :2].tolist() == [0.25, 1.5]
 
 
-def test_other_actions_are_refused_by_name(toy: Callable[[Space[Any]], str]) -> None:
-    assert "takes actions of MultiDiscrete([2 3]); only Box and Discrete" in fault(
-        environment=toy(MultiDiscrete([2, 3]))
-    )
+def test_other_spaces_are_refused_by_name(toy: Callable[..., str]) -> None:
+    message = fault(environment=toy(MultiDiscrete([2, 3])))
+    assert "takes actions of MultiDiscrete([2 3]); only Box and Discrete" in message
+    message = fault(environment=toy(Discrete(2), Sequence(Discrete(2))))
+    assert "observes Sequence(Discrete(2), stack=False), which has no fixed number of elements" in message
 
 
 def test_a_period_that_is_not_the_environments_is_refused() -> None:
