@@ -14,8 +14,8 @@ from neurorobo.units import parse_interval, same_unit
 Elements = tuple[Annotated[int, Field(ge=0)], ...]
 
 
-class EnvironmentActuator(BaseModel):
-    """Some elements of the action under a name."""
+class EnvironmentChannel(BaseModel):
+    """Some elements of the action, or of the observation, under a name."""
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
@@ -35,8 +35,8 @@ class EnvironmentActuator(BaseModel):
         return list(range(len(bounds[0]))) if self.elements is None else list(self.elements)
 
 
-class EnvironmentSensor(EnvironmentActuator):
-    """Some elements of the observation under a name."""
+class EnvironmentSensor(EnvironmentChannel):
+    """Some elements of the observation, and what can be seen of them."""
 
     range: str | None = Field(
         default=None,
@@ -75,8 +75,8 @@ class GymnasiumBodyConfig(BodyConfig):
     senses: dict[str, EnvironmentSensor] = Field(
         default={"observation": EnvironmentSensor()}, alias="sensors", min_length=1, description="The sensors, by name."
     )
-    moves: dict[str, EnvironmentActuator] = Field(
-        default={"action": EnvironmentActuator()},
+    moves: dict[str, EnvironmentChannel] = Field(
+        default={"action": EnvironmentChannel()},
         alias="actuators",
         min_length=1,
         description="The actuators, by name, which share the elements of the action.",
@@ -139,7 +139,7 @@ def _ends(indices: list[int], bounds: Bounds) -> tuple[float, float]:
     return float(bounds[0][indices].min()), float(bounds[1][indices].max())
 
 
-def _beyond(kind: str, channels: Mapping[str, EnvironmentActuator], bounds: Bounds) -> Iterable[str]:
+def _beyond(kind: str, channels: Mapping[str, EnvironmentChannel], bounds: Bounds) -> Iterable[str]:
     """Yield the channels with elements that there are not."""
     for name, channel in channels.items():
         if beyond := [i for i in channel.indices(bounds) if i >= len(bounds[0])]:
