@@ -3,8 +3,8 @@
 Run ``python benchmarks/control/returns.py`` (an hour on two cores). It runs ``neurorobo train`` on the examples, from
 fresh weights, once for each actor and training seed, into ``runs/control``. Stopped at any time, the same command goes
 on. The returns are those of 100 episodes of the seeds 0 to 99, in which nothing is explored; no setting was chosen on
-them. It writes ``latest.json``, ``returns.svg`` and ``table.md`` beside itself, and exits with 1 if a spiking actor
-gains less than is wanted.
+them. Beside itself it writes a file for each example, and ``table.md`` and ``returns.svg`` from all such files; it
+exits with 1 if a spiking actor gains less than is wanted.
 """
 
 import argparse
@@ -130,16 +130,14 @@ def main() -> int:
     parser.add_argument("--runs", type=Path, default=ROOT / "runs" / "control")
     parser.add_argument("--out", type=Path, default=HERE)
     arguments = parser.parse_args()
-    trainings = [
-        (example, actor, seed)
-        for example in arguments.example or WANTED
-        for seed in range(arguments.seeds)
-        for actor in ACTORS
-    ]
     with ThreadPoolExecutor(arguments.jobs) as pool:
-        rows = list(pool.map(partial(train, arguments.runs), *zip(*trainings, strict=True)))
-    result = {"machine": machine(), "rows": rows}
-    (arguments.out / "latest.json").write_text(json.dumps(result, indent=1) + "\n")
+        for example in arguments.example or WANTED:
+            trainings = [(actor, seed) for seed in range(arguments.seeds) for actor in ACTORS]
+            found = list(pool.map(partial(train, arguments.runs, example), *zip(*trainings, strict=True)))
+            result = {"machine": machine(), "rows": found}
+            (arguments.out / f"{example}.json").write_text(json.dumps(result, indent=1) + "\n")
+    files = [file for example in WANTED if (file := arguments.out / f"{example}.json").exists()]
+    rows = [row for file in files for row in json.loads(file.read_text())["rows"]]
     (arguments.out / "table.md").write_text(table(rows))
     draw(rows, arguments.out / "returns.svg")
     print(table(rows))
