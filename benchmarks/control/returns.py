@@ -103,6 +103,7 @@ def grouped(rows: Sequence[Mapping[str, Any]]) -> dict[tuple[str, str], list[Map
 
 def draw(rows: Sequence[Mapping[str, Any]], file: Path) -> None:
     """Draw the return while exploring against the episodes, each training seed a line."""
+    from matplotlib import rc_context
     from matplotlib.figure import Figure
 
     groups = grouped(rows)
@@ -118,7 +119,8 @@ def draw(rows: Sequence[Mapping[str, Any]], file: Path) -> None:
             panels[example].plot(done, row["learning_curve"], color=colour, label=label, linewidth=1)
         panels[example].set(title=example, xlabel="episodes", ylabel="return, exploring")
         panels[example].legend()
-    figure.savefig(file, metadata={"Date": None})
+    with rc_context({"svg.hashsalt": file.stem, "svg.fonttype": "none"}):
+        figure.savefig(file, metadata={"Date": None})
 
 
 def main() -> int:

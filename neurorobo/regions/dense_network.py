@@ -9,6 +9,7 @@ from torch import Tensor, nn
 from neurorobo.clock import Clock
 from neurorobo.regions.dense_network_config import DenseNetworkConfig, RangedPort
 from neurorobo.regions.region import Probe, Region, State
+from neurorobo.units import Interval
 
 SMALL = 0.01
 """The gain of fresh weights to the outputs, so that they begin in the middle of their ranges."""
@@ -23,7 +24,8 @@ class DenseNetwork(Region):
 
     def __init__(self, config: DenseNetworkConfig, clock: Clock, generator: torch.Generator) -> None:
         super().__init__(config, clock, generator)
-        self._receives, self._sends = config.receives, config.sends
+        self._receives = {name: _middle_and_half(port.interval) for name, port in config.receives.items()}
+        self._sends = {name: _middle_and_half(port.interval) for name, port in config.sends.items()}
         sizes = (_width(config.receives), *config.hidden, _width(config.sends))
         names = [*(f"hidden_{number + 1}" for number in range(len(config.hidden))), "output"]
         self.layers = nn.ModuleDict()
@@ -37,20 +39,12 @@ class DenseNetwork(Region):
         self, inputs: Mapping[str, Tensor], state: State, probe: Probe | None = None
     ) -> tuple[dict[str, Tensor], State]:
         """Compute the outputs (batch, width)."""
-        scaled = []
-        for name, port in self._receives.items():
-            middle, half = _scale(port)
-            scaled.append((inputs[name] - middle) / half)
-        values = torch.cat(scaled, dim=-1)
+        values = torch.cat([(inputs[name] - middle) / half for name, (middle, half) in self._receives.items()], dim=-1)
         for name, layer in self.layers.items():
             values = layer(values) if name == "output" else layer(values).tanh()
-        outputs = {}
-        for (name, port), part in zip(
-            self._sends.items(), values.split([port.width for port in self._sends.values()], dim=-1), strict=True
-        ):
-            middle, half = _scale(port)
-            outputs[name] = middle + half * part
-        return outputs, state
+        parts = values.split([port.width for port in self.output_ports.values()], dim=-1)
+        scales = self._sends.items()
+        return {name: middle + half * part for (name, (middle, half)), part in zip(scales, parts, strict=True)}, state
 
     def parameter_groups(self) -> Mapping[str, nn.Module]:
         """Return the layers by name."""
@@ -61,6 +55,6 @@ def _width(ports: Mapping[str, RangedPort]) -> int:
     return sum(port.width for port in ports.values())
 
 
-def _scale(port: RangedPort) -> tuple[float, float]:
-    """Return the middle and half the width of the range."""
-    return (port.interval.lo + port.interval.hi) / 2, (port.interval.hi - port.interval.lo) / 2
+def _middle_and_half(interval: Interval) -> tuple[float, float]:
+    """Return the middle of an interval, and half its width."""
+    return (interval.lo + interval.hi) / 2, (interval.hi - interval.lo) / 2
