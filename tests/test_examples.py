@@ -1,15 +1,26 @@
 """Every example does what it is there for."""
 
 import json
+import runpy
 import subprocess
 import sys
 from importlib.util import find_spec
 from pathlib import Path
 
+import numpy as np
 import pytest
+
+from neurorobo.config.experiment import load_experiment
+from neurorobo.experiment.lessons import read_lessons
+from neurorobo.experiment.train import train_experiment
+from neurorobo.plugins import Registry
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
 INSERTIONS = sorted(path.name for path in EXAMPLES.glob("*.yaml") if path.name.startswith(("peg_in_hole", "baseline")))
+
+needs_mujoco = pytest.mark.skipif(
+    any(find_spec(name) is None for name in ("mujoco", "glfw", "imageio")), reason="the extra `mujoco` is not installed"
+)
 
 
 def run(tmp_path: Path, file: str, *options: str) -> dict[str, object]:
@@ -80,6 +91,30 @@ def test_neurons_learn_to_fire_more_by_a_reward_that_comes_late(tmp_path: Path) 
     (rewarded, other), (rewarded_later, other_later) = rates
     assert rewarded_later > 1.15 * rewarded  # on average over all 120 s; in the end it is half as much again
     assert other_later < 1.1 * other
+
+
+@pytest.mark.parametrize(
+    ("file", "least"), [("pendulum.yaml", -500.0), pytest.param("double_pendulum.yaml", 5000.0, marks=needs_mujoco)]
+)
+def test_a_pendulum_is_held_up_by_the_weights_that_the_reward_has_left(tmp_path: Path, file: str, least: float) -> None:
+    """Fresh weights gain -1400 and 30."""
+    summary = run(tmp_path, file, "--seed", "1000", "--episodes", "4")
+    assert summary["aggregate"]["return"]["mean"] > least  # type: ignore[index]
+    assert {path.name for path in (tmp_path / "run").iterdir()} >= {"summary.json", "trajectory.parquet"}
+
+
+@needs_mujoco
+@pytest.mark.parametrize("actor", ["spiking", "dense"])
+def test_ppo_learns_an_environment_from_fresh_weights(tmp_path: Path, actor: str) -> None:
+    """As the benchmark trains, only much shorter."""
+    benchmark = runpy.run_path(str(EXAMPLES.parent / "benchmarks" / "control" / "returns.py"))
+    file = EXAMPLES / "double_pendulum.yaml"
+    shorter = ["train.0.iterations=10", "train.0.validation.episodes=4", "train.0.held_out.episodes=8"]
+    changes = [*benchmark["overrides"](actor, load_experiment(file), 1000), *shorter]
+    experiment = load_experiment(file, changes, registry := Registry.discover())
+    reports = train_experiment(experiment, read_lessons(experiment, registry)[:1], tmp_path)
+    found = reports[0].evaluation["held_out"]
+    assert np.mean(found["after"]["return"]) > 1.5 * np.mean(found["before"]["return"])
 
 
 def test_a_run_can_be_repeated_from_its_folder_bit_for_bit(tmp_path: Path) -> None:

@@ -44,6 +44,24 @@ def neurorobo_register(registry: Registrar) -> None:
         "neurorobo.regions.plastic_network_config:PlasticNetworkConfig",
         "a spiking network whose synapses learn by local rules while it runs",
     )
+    registry.add(
+        "region",
+        "core.dense_network",
+        "neurorobo.regions.dense_network_config:DenseNetworkConfig",
+        "layers of units without spikes, to compare spiking ones with",
+    )
+    registry.add(
+        "body",
+        "core.gymnasium_environment",
+        "neurorobo.bodies.gymnasium_body_config:GymnasiumBodyConfig",
+        "any Gymnasium environment, its elements named as sensors and actuators",
+    )
+    registry.add(
+        "task",
+        "core.gymnasium_reward",
+        "neurorobo.tasks.gymnasium_task_config:GymnasiumTaskConfig",
+        "the reward and the end of a Gymnasium environment",
+    )
     registry.add("neuron", "core.lif", "neurorobo.neurons.config:LIFConfig", "leaky integrate-and-fire, iterative")
     registry.add(
         "neuron",
