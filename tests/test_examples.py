@@ -16,7 +16,7 @@ from neurorobo.experiment.train import train_experiment
 from neurorobo.plugins import Registry
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
-INSERTIONS = sorted(path.name for path in [*EXAMPLES.glob("peg_*.yaml"), *EXAMPLES.glob("baseline_*.yaml")])
+INSERTIONS = sorted(path.name for path in EXAMPLES.glob("*.yaml") if path.name.startswith(("peg_in_hole", "baseline")))
 
 needs_mujoco = pytest.mark.skipif(
     any(find_spec(name) is None for name in ("mujoco", "glfw", "imageio")), reason="the extra `mujoco` is not installed"
