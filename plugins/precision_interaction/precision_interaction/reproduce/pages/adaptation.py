@@ -189,4 +189,4 @@ def _drawing_of_change(results: Mapping[str, Result]) -> Callable[["Figure"], No
     return draw
 
 
-PAGE = Page(Adaptation(), title="Learning while inserting", paper="beyond the paper", minutes=8, present=present)
+PAGE = Page(Adaptation(), title="Learning while inserting", paper="Beyond the paper", minutes=8, present=present)
