@@ -27,6 +27,8 @@ def export_command(file: Path, overrides: tuple[str, ...], region: str | None, o
     from neurorobo.plugins import Registry
 
     nir()
+    if region is not None and out.is_dir():
+        raise NeuroroboError(f"{out} is a folder; name a file with `--nir`, such as {out / f'{region}.nir'}")
     registry = Registry.discover()
     experiment = load_experiment(file, overrides, registry)
     plan = build_plan(experiment)
