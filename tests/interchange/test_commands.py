@@ -81,7 +81,10 @@ def test_without_a_region_all_that_can_be_are_exported_and_the_others_named(
             ["export", EXAMPLE, "--nir", "net.nir/brain"],
             "cannot be written (Not a directory); make room for it, or choose another place with `--nir`",
         ),
-        (["export", EXAMPLE, "--region", "cerebellum", "--nir", "."], ". is a folder; name a file with `--nir`, such as cere"),
+        (
+            ["export", EXAMPLE, "--region", "cerebellum", "--nir", "."],
+            ". is a folder; name a file with `--nir`, such as cere",
+        ),
         (["import", "nowhere.nir"], "there is no file nowhere.nir"),
         (["import", "net.nir", "--out", "net.nir/x.yaml"], "cannot be written"),
     ],

@@ -13,7 +13,7 @@ from neurorobo.errors import NeuroroboError
 from neurorobo.interchange.library import nir
 from neurorobo.interchange.neurons import STEP_S, TIE, Membrane, from_node, to_node
 from neurorobo.neurons import LIF
-from neurorobo.neurons.config import LIFConfig
+from neurorobo.neurons.lif import just_above
 
 Floats = NDArray[np.float64]
 
@@ -129,7 +129,7 @@ def test_a_tie_that_does_not_fire_here_does_not_fire_in_the_node() -> None:
 
 def fires(read: Membrane, potentials: NDArray[np.float32]) -> NDArray[np.bool_]:
     """Return which neurons fire in their first step, in single precision, as layers have it."""
-    above = [LIFConfig(decay=read.decay, threshold=each, fires="above").build() for each in read.thresholds]
+    above = [LIF(just_above(threshold), read.decay) for threshold in read.thresholds]
     steps = [neuron.step(torch.tensor(u), torch.tensor(0.0))[0] for neuron, u in zip(above, potentials, strict=True)]
     return np.array([bool(step) for step in steps])
 

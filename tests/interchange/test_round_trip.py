@@ -11,6 +11,7 @@ from precision_interaction.regions.cerebellum_config import CerebellumConfig
 from samples import CLOCK, NETWORKS, network, run, spikes
 
 from neurorobo.config.experiment import load_experiment
+from neurorobo.config.plugged_reader import validation_context
 from neurorobo.engine import Layer
 from neurorobo.errors import NeuroroboError
 from neurorobo.experiment.build import build_brain
@@ -20,8 +21,11 @@ from neurorobo.experiment.weights import check_weights
 from neurorobo.interchange.export import export_region, to_graph
 from neurorobo.interchange.importing import import_network
 from neurorobo.interchange.library import nir
+from neurorobo.interchange.neurons import TIE
 from neurorobo.neurons import spiking_neural_unit
 from neurorobo.plugins import Registry
+from neurorobo.regions.feedforward import Feedforward
+from neurorobo.regions.feedforward_config import FeedforwardConfig
 from neurorobo.regions.spiking_network import Network
 from neurorobo.regions.spiking_network_config import NetworkConfig
 from neurorobo.regions.weights import to_grid
@@ -85,6 +89,20 @@ def test_a_foreign_threshold_that_is_met_exactly_does_not_fire_however_often_it_
         assert np.array_equal(node.v_threshold, thresholds)
     assert "fires: above" in texts[0]
     assert texts[0] == texts[1] == texts[2]
+
+
+@pytest.mark.parametrize(("fires", "expected"), [("at", 0.5 * (1 - TIE)), ("above", 0.5)])
+def test_any_region_that_says_whether_ties_fire_is_written_so(fires: str, expected: float) -> None:
+    port = {"unit": "1", "range": "0..1"}
+    neuron = {"type": "lif", "decay": 1.0, "fires": fires}
+    config = FeedforwardConfig.model_validate(
+        {"inputs": {"x": port}, "outputs": {"y": port}, "hidden": [3], "neuron": neuron},
+        context=validation_context(REGISTRY),
+    )
+    nodes = to_graph(Feedforward(config, CLOCK, torch.Generator().manual_seed(0)), REGISTRY)[0].nodes.values()
+    thresholds = [node.v_threshold for node in nodes if isinstance(node, nir().IF)]
+    assert len(thresholds) == 2
+    assert all((each == np.float32(expected)).all() for each in thresholds)
 
 
 def layers(region: Network) -> list[Layer]:
