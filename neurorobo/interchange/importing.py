@@ -25,6 +25,9 @@ from neurorobo.regions.spiking_network_config import INPUTS, NetworkConfig
 from neurorobo.regions.weights import save_weights
 from neurorobo.units import format_quantity, parse_interval
 
+Ports = Mapping[str, Mapping[str, Any]]
+"""Ports by name, in the words of an experiment."""
+
 PLAIN_INPUT = "input"
 """What the input is called of which no notes tell."""
 
@@ -79,11 +82,16 @@ def import_network(path: Path, registry: Registry, step_s: float | None = None) 
     if step_s is None:
         step_s = STEP_S if notes is None else notes.step_s
     layers = populations(graph, step_s, {PLAIN_INPUT} if notes is None else {PLAIN_INPUT, *notes.inputs})
-    differences = [] if graph.unread is None else [f"the notes of neurorobo are passed over: {graph.unread}"]
-    differences += [] if notes is None else _differences(notes)
     name = re.sub(r"\W", "_", path.stem, flags=re.ASCII)
     name = name if re.match(r"[A-Za-z]", name) else f"network_{name}"
-    content = _content(name, layers, notes, differences)
+    channels = next(weight.shape[1] for layer in layers.values() for read, weight in layer.weights if read == INPUTS)
+    *_, last = layers.values()
+    inputs = _ports({} if notes is None else notes.inputs, channels) or {PLAIN_INPUT: _plain(channels)}
+    neurons = len(last.membrane.thresholds)
+    outputs = _ports({} if notes is None else notes.outputs, neurons) or {"output": _plain(neurons)}
+    differences = [] if graph.unread is None else [f"the notes of neurorobo are passed over: {graph.unread}"]
+    differences += [] if notes is None else _differences(notes, inputs, outputs)
+    content = _content(name, layers, notes, inputs, outputs)
     head = f"From {path.name}, by `neurorobo import`: choose units, ranges and codes, and wire the region."
     comments = tuple(
         "".join(letter if letter.isprintable() else " " for letter in line) for line in (head, *differences)
@@ -102,30 +110,24 @@ def _text(comments: Iterable[str], content: Mapping[str, Any]) -> str:
     return "".join(f"# {line}\n" for line in comments) + dump(content)
 
 
-def _differences(notes: Notes) -> Iterator[str]:
-    """Yield what our notes tell and a network cannot do."""
-    for name, port in (*notes.inputs.items(), *notes.outputs.items()):
-        if port.code is None:
-            yield f"the code of `{name}` has no name: population_uniform stands in its place"
+def _differences(notes: Notes, inputs: Ports, outputs: Ports) -> Iterator[str]:
+    """Yield what our notes tell and a network cannot do, with the ports that it has."""
+    for noted, ports in ((notes.inputs, inputs), (notes.outputs, outputs)):
+        for name, port in noted.items():
+            if ports.get(name) != port.described():
+                yield f"the port `{name}` is left out: ports here have all channels, side by side, each of them once"
+            elif port.code is None:
+                yield f"the code of `{name}` has no name: population_uniform stands in its place"
     for layer in notes.layers if notes.carry != "never" else ():
         if layer.removesuffix(".lif") not in notes.carried:
             yield f"`{layer}` started every window at rest, and goes on here"
 
 
 def _content(
-    name: str, layers: Mapping[str, Population], notes: Notes | None, differences: list[str]
+    name: str, layers: Mapping[str, Population], notes: Notes | None, inputs: Ports, outputs: Ports
 ) -> dict[str, Any]:
-    """Return the experiment: quantities and codes as our notes have them, or numbers from 0 to 1 by rate.
-
-    What is lost of the ports is added to the differences.
-    """
-    channels = next(weight.shape[1] for layer in layers.values() for read, weight in layer.weights if read == INPUTS)
-    *_, last = layers.values()
-    neurons = len(last.membrane.thresholds)
-    inputs = _ports({} if notes is None else notes.inputs, channels, PLAIN_INPUT, differences)
-    outputs = _ports({} if notes is None else notes.outputs, neurons, "output", differences)
-    for port in inputs.values():
-        port["initial"] = format_quantity(parse_interval(port["range"], port["unit"]).lo, port["unit"])
+    """Return the experiment."""
+    lowest = {name: parse_interval(port["range"], port["unit"]).lo for name, port in inputs.items()}
     return {
         "neurorobo": 1,
         "name": name,
@@ -134,7 +136,10 @@ def _content(
         "regions": {
             name: {
                 "type": "spiking_network",
-                "inputs": inputs,
+                "inputs": {
+                    port: {**said, "initial": format_quantity(lowest[port], said["unit"])}
+                    for port, said in inputs.items()
+                },
                 "outputs": outputs,
                 "layers": {layer: _layer(population) for layer, population in layers.items()},
                 "carry": "never" if notes is None else notes.carry,
@@ -159,26 +164,20 @@ def _layer(population: Population) -> dict[str, Any]:
     return {**layer, "neuron": neuron}
 
 
-def _ports(
-    noted: Mapping[str, Quantity], channels: int, plain: str, differences: list[str]
-) -> dict[str, dict[str, Any]]:
-    """Return the ports that our notes tell, or a plain one if they do not have all channels side by side."""
+def _ports(noted: Mapping[str, Quantity], channels: int) -> dict[str, dict[str, Any]]:
+    """Return the ports that our notes tell and that are side by side; none unless they have all channels."""
     ports: dict[str, dict[str, Any]] = {}
-    lost: list[str] = []
     end = 0
     for name, port in sorted(noted.items(), key=lambda item: (item[1].channels[0], -len(item[1].channels))):
         if port.channels == tuple(range(end, end + len(port.channels))):
             ports[name] = port.described()
             end += len(port.channels)
-        else:
-            lost.append(name)
-    if end != channels:
-        lost = [*noted]
-        ports = {plain: {"unit": "1", "width": 1, "range": "0..1", "code": population_uniform(channels)}}
-    differences += [
-        f"the port `{name}` is left out: its channels are not side by side, or other ports have them" for name in lost
-    ]
-    return ports
+    return ports if end == channels else {}
+
+
+def _plain(channels: int) -> dict[str, Any]:
+    """Return a port of which no notes tell: a number from 0 to 1 by rate."""
+    return {"unit": "1", "width": 1, "range": "0..1", "code": population_uniform(channels)}
 
 
 @torch.no_grad()

@@ -138,7 +138,7 @@ def test_a_region_of_a_plugin_comes_back_with_its_ports_and_its_spikes(tmp_path:
     assert export_region(region, file, REGISTRY) == []
     imported = import_network(file, REGISTRY)
     assert imported.differences == (
-        "the port `velocity` is left out: its channels are not side by side, or other ports have them",
+        "the port `velocity` is left out: ports here have all channels, side by side, each of them once",
     )
     network = imported.region
     assert network.input_ports.keys() == region.input_ports.keys()
