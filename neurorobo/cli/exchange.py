@@ -27,6 +27,8 @@ def export_command(file: Path, overrides: tuple[str, ...], region: str | None, o
     from neurorobo.plugins import Registry
 
     nir()
+    if region is not None and out.is_dir():
+        raise NeuroroboError(f"{out} is a folder; name a file with `--nir`, such as {out / f'{region}.nir'}")
     registry = Registry.discover()
     experiment = load_experiment(file, overrides, registry)
     plan = build_plan(experiment)
@@ -35,22 +37,28 @@ def export_command(file: Path, overrides: tuple[str, ...], region: str | None, o
         raise NeuroroboError(f"no step of {file} uses a region `{region}`{did_you_mean(region, used)}")
     check_weights(experiment, plan)
     from neurorobo.experiment.build import build_brain
-    from neurorobo.interchange.export import export_region
+    from neurorobo.interchange.export import to_graph, write_graph
 
     brain = build_brain(experiment, plan)
-    refused: list[str] = []
+    graphs, refused = {}, []
     for name in used if region is None else [region]:
-        path = out / f"{name}.nir" if region is None else out
         try:
-            unsaid = export_region(brain.region(name), path, registry)
+            graphs[name] = to_graph(brain.region(name), registry)
         except NeuroroboError as error:
             refused.append(f"`{name}` cannot be exported: {error}")
-            continue
+    if not graphs:
+        raise NeuroroboError("\n".join(refused))
+    for name, (graph, unsaid) in graphs.items():
+        path = out / f"{name}.nir" if region is None else out
+        try:
+            write_graph(graph, path)
+        except NeuroroboError as error:
+            raise NeuroroboError(str(error).replace("`--out`", "`--nir`")) from error
         click.echo(f"{name}: {path}")
+        if experiment.regions[name].weights is None:
+            click.echo("  with fresh weights, untrained")
         for part in unsaid:
             click.echo(f"  without {part}")
-    if len(refused) == (len(used) if region is None else 1):
-        raise NeuroroboError("\n".join(refused))
     for line in refused:
         click.echo(line)
 

@@ -16,12 +16,13 @@ from neurorobo.engine import Layer
 from neurorobo.errors import NeuroroboError
 from neurorobo.files import write_whole
 from neurorobo.interchange.library import nir
-from neurorobo.interchange.neurons import STEP_S, Membrane, to_node
+from neurorobo.interchange.neurons import STEP_S, Membrane, shortest, to_node
 from neurorobo.interchange.wiring import INPUT, Wiring, wiring_of
 from neurorobo.neurons import LIF
 from neurorobo.plugins import Registry
 from neurorobo.regions import Port
 from neurorobo.regions.region import Region
+from neurorobo.regions.spiking_network_config import NetworkConfig
 from neurorobo.units import format_duration
 
 OUTPUT = "output"
@@ -36,10 +37,15 @@ def export_region(region: Region, path: Path, registry: Registry) -> list[str]:
     outputs of several layers, learning, or steps that do more with spikes than to wire them.
     """
     graph, unsaid = to_graph(region, registry)
+    write_graph(graph, path)
+    return unsaid
+
+
+def write_graph(graph: Any, path: Path) -> None:
+    """Write a graph of NIR, and the folders that it is in; raises a NeuroroboError."""
     content = io.BytesIO()
     nir().write(content, graph)
     write_whole(path, content.getvalue())
-    return unsaid
 
 
 def to_graph(region: Region, registry: Registry) -> tuple[Any, list[str]]:
@@ -52,7 +58,7 @@ def to_graph(region: Region, registry: Registry) -> tuple[Any, list[str]]:
     membranes: dict[str, Membrane] = {}
     for name in needed:
         layer = wiring.layers[name]
-        membranes[name] = _membrane(name, layer)
+        membranes[name] = _membrane(name, layer, ties_fire=_ties_fire(region, name))
         nodes[_node(name)] = to_node(membranes[name])
         for source, node in _synapses(name, layer, wiring, nodes[INPUT].input_type["input"][0]):
             synapses = f"{name}.from_{source}"
@@ -97,7 +103,7 @@ def _needed(wiring: Wiring, last: str) -> list[str]:
     return [name for name in wiring.layers if name in needed]
 
 
-def _membrane(name: str, layer: Layer) -> Membrane:
+def _membrane(name: str, layer: Layer, *, ties_fire: bool) -> Membrane:
     neuron = layer.neuron
     if not isinstance(neuron, LIF):
         raise NeuroroboError(f"the neurons of its layer `{name}` are of the model {type(neuron).__name__}, not LIF")
@@ -107,7 +113,16 @@ def _membrane(name: str, layer: Layer) -> Membrane:
         )
     own = layer.threshold
     thresholds = np.full(layer.neurons, neuron.threshold) if own is None else own.detach().double().numpy()
-    return Membrane(neuron.decay, thresholds)
+    if not ties_fire:  # the layer fires at the number just above
+        thresholds = shortest(np.nextafter(thresholds.astype(np.float32), np.float32(0)))
+    return Membrane(neuron.decay, thresholds, ties_fire)
+
+
+def _ties_fire(region: Region, layer: str) -> bool:
+    """Return whether the neurons of a layer fire at their threshold; the configuration knows, a neuron does not."""
+    config = region.config
+    says = config.layers[layer] if isinstance(config, NetworkConfig) else config
+    return getattr(getattr(says, "neuron", None), "fires", "at") == "at"
 
 
 def _synapses(name: str, layer: Layer, wiring: Wiring, channels: int) -> Iterator[tuple[str, Any]]:
@@ -127,6 +142,8 @@ def _synapses(name: str, layer: Layer, wiring: Wiring, channels: int) -> Iterato
                 weights[source] = np.zeros((layer.neurons, width), np.float32)
             read = [each[1] for each in columns if each is not None and each[0] == source]
             np.add.at(weights[source].T, read, matrix[:, here].T)
+    if not weights:  # it has constant currents alone, and a node hears of them from some source
+        weights[INPUT] = np.zeros((layer.neurons, channels), np.float32)
     if layer.recurrent is not None:
         weights[name] = layer.recurrent.matrix().detach().float().numpy()
     for number, (source_name, weight) in enumerate(weights.items()):
@@ -155,7 +172,11 @@ def _notes(region: Region, wiring: Wiring, membranes: Mapping[str, Membrane], re
             for name, (_, numbers) in wiring.outputs.items()
         },
         "layers": {
-            _node(name): {"decay": membrane.decay, "thresholds": membrane.thresholds.tolist()}
+            _node(name): {
+                "decay": membrane.decay,
+                "thresholds": membrane.thresholds.tolist(),
+                "fires": "at" if membrane.ties_fire else "above",
+            }
             for name, membrane in membranes.items()
         },
     }

@@ -1,5 +1,6 @@
 """From a file of NIR to an experiment with a region of the type `spiking_network`, and the weights of that region."""
 
+import os
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
@@ -16,6 +17,7 @@ from neurorobo.errors import NeuroroboError
 from neurorobo.files import write_whole
 from neurorobo.interchange.layers import Population, populations
 from neurorobo.interchange.neurons import STEP_S
+from neurorobo.interchange.notes import Notes, Quantity, population_uniform
 from neurorobo.interchange.reading import read_graph
 from neurorobo.plugins import Registry
 from neurorobo.regions.spiking_network import Network
@@ -23,24 +25,49 @@ from neurorobo.regions.spiking_network_config import INPUTS, NetworkConfig
 from neurorobo.regions.weights import save_weights
 from neurorobo.units import format_quantity, parse_interval
 
+Ports = Mapping[str, Mapping[str, Any]]
+"""Ports by name, in the words of an experiment."""
+
+PLAIN_INPUT = "input"
+"""What the input is called of which no notes tell."""
+
 
 @dataclass(frozen=True)
 class Imported:
-    """An experiment, as text, that runs the imported region; ``region`` has its weights already.
+    """An imported region, which has its weights already, and the content of an experiment that runs it.
 
-    ``differences`` tell what is not as it was in the region that was once exported.
+    ``comments`` stand at its top; all but the first tell what is not as it was in the region that was once exported.
     """
 
     name: str
-    text: str
+    content: dict[str, Any]
+    comments: tuple[str, ...]
     region: Network
-    differences: tuple[str, ...]
+
+    @property
+    def text(self) -> str:
+        """The experiment, as text."""
+        return _text(self.comments, self.content)
+
+    @property
+    def differences(self) -> tuple[str, ...]:
+        """What is not as it was in the region that was once exported."""
+        return self.comments[1:]
 
     def write(self, path: Path) -> Path:
-        """Write the experiment, and beside it the weights, whose path is returned; raises NeuroroboError."""
-        weights = path.with_name(f"{self.name}.safetensors")
+        """Write the experiment, and beside it, under its name, the weights, whose path is returned.
+
+        Raises a NeuroroboError if one of both exists or cannot be written.
+        """
+        weights = path.with_name(f"{path.stem}.safetensors")
+        if path == weights:
+            raise NeuroroboError(f"{path} is where the weights will be; call the experiment {path.stem}.yaml")
+        for file in (path, weights):
+            if os.path.lexists(file):
+                raise NeuroroboError(f"{file} exists already, and is left as it is; choose another place with `--out`")
         save_weights(self.region, weights, {"for": f"`{self.name}`, imported from NIR"})
-        write_whole(path, self.text.encode())
+        region = {**self.content["regions"][self.name], "weights": weights.name}
+        write_whole(path, _text(self.comments, {**self.content, "regions": {self.name: region}}).encode())
         return weights
 
 
@@ -50,68 +77,77 @@ def import_network(path: Path, registry: Registry, step_s: float | None = None) 
     ``step_s`` is the time step that it was made for, which a file does not tell unless it is ours. Raises a
     NeuroroboError, which names the node, for what layers cannot do, and for what is no file of NIR.
     """
-    graph = read_graph(path)
+    graph = read_graph(path, registry)
+    notes = graph.notes
     if step_s is None:
-        noted = graph.notes.get("step_s")
-        step_s = noted if isinstance(noted, float) and noted > 0 else STEP_S
-    layers = populations(graph, step_s)
+        step_s = STEP_S if notes is None else notes.step_s
+    layers = populations(graph, step_s, {PLAIN_INPUT} if notes is None else {PLAIN_INPUT, *notes.inputs})
     name = re.sub(r"\W", "_", path.stem, flags=re.ASCII)
     name = name if re.match(r"[A-Za-z]", name) else f"network_{name}"
-    differences = tuple(_differences(graph.notes))
-    text = _text(path, name, layers, graph.notes, differences)
-    experiment = Experiment.from_document(parse_document(text, str(path)), registry)
+    channels = next(weight.shape[1] for layer in layers.values() for read, weight in layer.weights if read == INPUTS)
+    *_, last = layers.values()
+    inputs = _ports({} if notes is None else notes.inputs, channels) or {PLAIN_INPUT: _plain(channels)}
+    neurons = len(last.membrane.thresholds)
+    outputs = _ports({} if notes is None else notes.outputs, neurons) or {"output": _plain(neurons)}
+    differences = [] if graph.unread is None else [f"the notes of neurorobo are passed over: {graph.unread}"]
+    differences += [] if notes is None else _differences(notes, inputs, outputs)
+    content = _content(name, layers, notes, inputs, outputs)
+    head = f"From {path.name}, by `neurorobo import`: choose units, ranges and codes, and wire the region."
+    comments = tuple(
+        "".join(letter if letter.isprintable() else " " for letter in line) for line in (head, *differences)
+    )
+    experiment = Experiment.from_document(parse_document(_text(comments, content), str(path)), registry)
     config = experiment.regions[name]
     assert isinstance(config, NetworkConfig)
     region = Network(config, experiment.clock, torch.Generator().manual_seed(0))
     for layer, population in zip(region.layers.values(), layers.values(), strict=True):
         assert isinstance(layer, Layer)
         _fill(layer, population)
-    return Imported(name, text, region.eval(), differences)
+    return Imported(name, content, comments, region.eval())
 
 
-def _differences(notes: Mapping[str, Any]) -> Iterator[str]:
-    """Yield what our notes tell and a network cannot do."""
-    for side in ("inputs", "outputs"):
-        for name, said in notes.get(side, {}).items():
-            if "code" not in said:
+def _text(comments: Iterable[str], content: Mapping[str, Any]) -> str:
+    return "".join(f"# {line}\n" for line in comments) + dump(content)
+
+
+def _differences(notes: Notes, inputs: Ports, outputs: Ports) -> Iterator[str]:
+    """Yield what our notes tell and a network cannot do, with the ports that it has."""
+    for noted, ports in ((notes.inputs, inputs), (notes.outputs, outputs)):
+        for name, port in noted.items():
+            if ports.get(name) != port.described():
+                yield f"the port `{name}` is left out: ports here have all channels, side by side, each of them once"
+            elif port.code is None:
                 yield f"the code of `{name}` has no name: population_uniform stands in its place"
-    carried = notes.get("carried", [])
-    for layer in notes.get("layers", {}) if notes.get("carry", "never") != "never" else ():
-        if layer.removesuffix(".lif") not in carried:
+    for layer in notes.layers if notes.carry != "never" else ():
+        if layer.removesuffix(".lif") not in notes.carried:
             yield f"`{layer}` started every window at rest, and goes on here"
 
 
-def _text(
-    path: Path, name: str, layers: Mapping[str, Population], notes: Mapping[str, Any], differences: Iterable[str]
-) -> str:
-    """Return the experiment: quantities and codes as our notes have them, or numbers from 0 to 1 by rate."""
-    channels = next(weight.shape[1] for layer in layers.values() for read, weight in layer.weights if read == INPUTS)
-    *_, last = layers.values()
-    inputs = _ports(notes.get("inputs"), channels) or {"input": _port({}, channels)}
-    outputs = _ports(notes.get("outputs"), len(last.membrane.thresholds)) or {
-        "output": _port({}, len(last.membrane.thresholds))
-    }
-    for port in inputs.values():
-        port["initial"] = format_quantity(parse_interval(port["range"], port["unit"]).lo, port["unit"])
-    experiment = {
+def _content(
+    name: str, layers: Mapping[str, Population], notes: Notes | None, inputs: Ports, outputs: Ports
+) -> dict[str, Any]:
+    """Return the experiment."""
+    lowest = {name: parse_interval(port["range"], port["unit"]).lo for name, port in inputs.items()}
+    return {
         "neurorobo": 1,
         "name": name,
-        "time": {"control": "1 s", "spike_step": notes.get("spike_step", "1 ms"), "window": notes.get("window", 50)},
+        "time": {"control": "1 s", "spike_step": "1 ms", "window": 50} if notes is None else notes.time(),
         "episode": {"duration": "1 s"},
         "regions": {
             name: {
                 "type": "spiking_network",
-                "inputs": inputs,
+                "inputs": {
+                    port: {**said, "initial": format_quantity(lowest[port], said["unit"])}
+                    for port, said in inputs.items()
+                },
                 "outputs": outputs,
                 "layers": {layer: _layer(population) for layer, population in layers.items()},
-                "carry": notes.get("carry", "never"),
+                "carry": "never" if notes is None else notes.carry,
                 "weights": f"{name}.safetensors",
             }
         },
         "steps": [{"window": {"use": name}}],
     }
-    head = f"From {path.name}, by `neurorobo import`: choose units, ranges and codes, and wire the region."
-    return "".join(f"# {line}\n" for line in (head, *differences)) + dump(experiment)
 
 
 def _layer(population: Population) -> dict[str, Any]:
@@ -119,8 +155,8 @@ def _layer(population: Population) -> dict[str, Any]:
     membrane = population.membrane
     own = len(set(membrane.thresholds.tolist())) > 1
     neuron: dict[str, Any] = {"type": "lif", "decay": membrane.decay}
-    if not own:
-        neuron |= {"threshold": float(membrane.thresholds[0]), "fires": "at" if population.ties_fire else "above"}
+    neuron |= {} if own else {"threshold": float(membrane.thresholds[0])}
+    neuron["fires"] = "at" if membrane.ties_fire else "above"
     layer: dict[str, Any] = {"neurons": len(membrane.thresholds), "reads": [read for read, _ in population.weights]}
     layer |= {"recurrent": True} if population.recurrent is not None else {}
     layer |= {"bias": True} if population.bias is not None else {}
@@ -128,29 +164,20 @@ def _layer(population: Population) -> dict[str, Any]:
     return {**layer, "neuron": neuron}
 
 
-def _ports(noted: object, channels: int) -> dict[str, dict[str, Any]] | None:
-    """Return the ports that our notes tell, those that share neurons once; None unless they have all channels."""
+def _ports(noted: Mapping[str, Quantity], channels: int) -> dict[str, dict[str, Any]]:
+    """Return the ports that our notes tell and that are side by side; none unless they have all channels."""
     ports: dict[str, dict[str, Any]] = {}
-    next_channel = 0
-    try:
-        for name, said in noted.items():  # type: ignore[attr-defined]
-            if said["channels"][0] == next_channel:
-                ports[name] = _port(said, len(said["channels"]))
-                next_channel = said["channels"][-1] + 1
-    except (ArithmeticError, AttributeError, LookupError, TypeError, ValueError, NeuroroboError):  # none, or not ours
-        return None
-    return ports if next_channel == channels else None
+    end = 0
+    for name, port in sorted(noted.items(), key=lambda item: (item[1].channels[0], -len(item[1].channels))):
+        if port.channels == tuple(range(end, end + len(port.channels))):
+            ports[name] = port.described()
+            end += len(port.channels)
+    return ports if end == channels else {}
 
 
-def _port(said: Mapping[str, Any], channels: int) -> dict[str, Any]:
-    """Return a port in the words of a file; of a quantity or a code that is not known, the plainest."""
-    unit, width = said.get("unit", "1"), said.get("width", 1)
-    return {
-        "unit": unit,
-        "width": width,
-        "range": f"{format_quantity(said.get('lo', 0.0), '1')}..{format_quantity(said.get('hi', 1.0), unit)}",
-        "code": said.get("code", {"type": "population_uniform", "neurons": channels // width}),
-    }
+def _plain(channels: int) -> dict[str, Any]:
+    """Return a port of which no notes tell: a number from 0 to 1 by rate."""
+    return {"unit": "1", "width": 1, "range": "0..1", "code": population_uniform(channels)}
 
 
 @torch.no_grad()
@@ -164,5 +191,5 @@ def _fill(layer: Layer, population: Population) -> None:
         layer.recurrent.weight.copy_(torch.from_numpy(population.recurrent))
     if layer.threshold is not None:
         thresholds = population.membrane.thresholds.astype(np.float32)
-        above = thresholds if population.ties_fire else np.nextafter(thresholds, np.float32(np.inf))
+        above = thresholds if population.membrane.ties_fire else np.nextafter(thresholds, np.float32(np.inf))
         layer.threshold.copy_(torch.from_numpy(above))

@@ -1,7 +1,8 @@
 """From a graph of NIR to layers: who excites whom, with which weights."""
 
 import re
-from dataclasses import dataclass
+from collections.abc import Collection
+from dataclasses import dataclass, replace
 from graphlib import CycleError, TopologicalSorter
 
 import numpy as np
@@ -17,22 +18,19 @@ Matrix = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class Population:
-    """A layer: what it reads, by weights (neurons, sources), and of what neurons it is.
-
-    ``ties_fire`` says whether a neuron fires whose potential equals its threshold.
-    """
+    """A layer: what it reads, by weights (neurons, sources), and of what neurons it is."""
 
     weights: tuple[tuple[str, Matrix], ...]
     recurrent: Matrix | None
     bias: Matrix | None
     membrane: Membrane
-    ties_fire: bool
 
 
-def populations(graph: Graph, step_s: float) -> dict[str, Population]:
+def populations(graph: Graph, step_s: float, ports: Collection[str]) -> dict[str, Population]:
     """Return the layers of a graph by name, in order; the last one sends the outputs, `INPUTS` stands for the inputs.
 
-    Raises a NeuroroboError, which names the node, for what layers cannot do.
+    No layer is called as one of the input ``ports``. Raises a NeuroroboError, which names the node, for what layers
+    cannot do.
     """
     way_in, way_out = (_only(graph, each) for each in ("Input", "Output"))
     sources = {way_in: width_of(way_in, graph.nodes[way_in])} | {name: 0 for name in graph.of(*NEURONS)}
@@ -43,7 +41,7 @@ def populations(graph: Graph, step_s: float) -> dict[str, Population]:
     last = graph.into(way_out)
     if len(last) != 1 or kind(graph.nodes[last[0]]) not in NEURONS:
         raise refusal(way_out, "Output", "it is not of the spikes of one node", "lead one LIF node to it, and no other")
-    names = _names([way_in, *drives])
+    names = _names([way_in, *drives], ports)
     order = _order(drives)
     found: dict[str, Population] = {}
     for name in order:
@@ -109,11 +107,11 @@ def _population(
     graph: Graph, name: str, drives: dict[str, str], sources: dict[str, int], names: dict[str, str], step_s: float
 ) -> tuple[Population, int]:
     """Return a population and how many neurons it has."""
-    membrane, ties_fire = _membrane(graph, name, step_s)
+    membrane = _membrane(graph, name, step_s)
     sizes = {each: np.shape(graph.nodes[each].weight) for each in drives}
     neurons = max(len(membrane.thresholds), next(iter(sizes.values()))[0])  # of one number, for all neurons
     if len(membrane.thresholds) == 1:
-        membrane = Membrane(membrane.decay, np.repeat(membrane.thresholds, neurons))
+        membrane = replace(membrane, thresholds=np.repeat(membrane.thresholds, neurons))
     for synapses, source in drives.items():
         wanted = (neurons, neurons if source == name else sources[source])
         if sizes[synapses] != wanted:
@@ -140,7 +138,7 @@ def _population(
             recurrent = matrix
         else:
             weights.append((names[source], matrix))
-    population = Population(tuple(weights), recurrent, bias if bias.any() else None, membrane, ties_fire)
+    population = Population(tuple(weights), recurrent, bias if bias.any() else None, membrane)
     return population, neurons
 
 
@@ -151,30 +149,30 @@ def _finite(name: str, of: str, parameter: str, values: object) -> Matrix:
     return numbers.astype(np.float32)
 
 
-def _membrane(graph: Graph, name: str, step_s: float) -> tuple[Membrane, bool]:
+def _membrane(graph: Graph, name: str, step_s: float) -> Membrane:
     """Return the neurons of a node, as the notes have them if it is the very node that we would write for those."""
     node = graph.nodes[name]
     read = from_node(name, node, step_s)
-    try:
-        noted = graph.notes["layers"][name]
-        ours = Membrane(float(noted["decay"]), np.array(noted["thresholds"], np.float64))
+    noted = None if graph.notes is None else graph.notes.layers.get(name)
+    if noted is None:
+        return read
+    ours = Membrane(noted.decay, np.array(noted.thresholds), noted.fires == "at")
+    with np.errstate(over="ignore"):
         theirs = to_node(ours, step_s)
-        same = all(np.array_equal(value, getattr(node, key)) for key, value in vars(theirs).items() if key in _COMPARED)
-    except (KeyError, TypeError, ValueError, AttributeError):  # no notes, or not ours
-        return read, False
-    return (ours, True) if same and type(theirs) is type(node) else (read, False)
+    same = all(np.array_equal(value, getattr(node, key)) for key, value in vars(theirs).items() if key in _COMPARED)
+    return ours if type(theirs) is type(node) and same else read
 
 
 _COMPARED = ("tau", "r", "v_leak", "v_threshold", "v_reset")
 
 
-def _names(nodes: list[str]) -> dict[str, str]:
+def _names(nodes: list[str], ports: Collection[str]) -> dict[str, str]:
     """Return a name for each population that can stand in a file; the first node is the Input."""
     names = {nodes[0]: INPUTS}
     for node in nodes[1:]:
         name = re.sub(r"\W", "_", re.sub(r"[._](lif|if)$", "", node), flags=re.ASCII).strip("_")
         name = name if re.match(r"[A-Za-z]", name) else f"layer_{name}"
-        while name in names.values():
+        while name in ports or name in names.values():
             name += "_"
         names[node] = name
     return names

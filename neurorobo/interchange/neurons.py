@@ -6,8 +6,10 @@ Euler's method in steps of ``dt``, with rest and reset at zero, this is ``v <- d
 resistance that every library reads alike, and scale the threshold. Sources: Pedersen et al. 2024 (NIR); Eq. 5-7 of Xing
 et al.
 
-Where a potential equals the threshold, our neuron fires and a node of NIR does not. So that both do, we write a
-threshold that is lower by a millionth: more than rounding in single precision, less than any difference that matters.
+Where a potential equals the threshold, a neuron of ours that fires `at` it does, and a node of NIR does not. So that
+both do, we write a threshold that is lower by a millionth: more than rounding in single precision, less than any
+difference that matters. Of neurons that fire `above` their threshold, such as those of every node that was read, the
+threshold is written as it is.
 """
 
 from dataclasses import dataclass
@@ -33,10 +35,14 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Membrane:
-    """The numbers of a population: the decay of all, and the threshold of each neuron; who reaches it fires."""
+    """The numbers of a population: the decay of all, and the threshold of each neuron.
+
+    ``ties_fire`` says whether a neuron fires whose potential equals its threshold.
+    """
 
     decay: float
     thresholds: Floats
+    ties_fire: bool = True
 
 
 def to_node(membrane: Membrane, step_s: float = STEP_S) -> Any:
@@ -47,20 +53,30 @@ def to_node(membrane: Membrane, step_s: float = STEP_S) -> Any:
         return np.full(count, value, np.float32)
 
     if membrane.decay == 1:
-        thresholds = (membrane.thresholds * (1 - TIE)).astype(np.float32)
-        return nir().IF(r=all_of(1 / step_s), v_threshold=thresholds, v_reset=all_of(0))
+        return nir().IF(r=all_of(1 / step_s), v_threshold=_written(membrane, 1), v_reset=all_of(0))
     share = 1 - membrane.decay
     return nir().LIF(
         tau=all_of(step_s / share),
         r=all_of(1),
         v_leak=all_of(0),
-        v_threshold=(membrane.thresholds * share * (1 - TIE)).astype(np.float32),
+        v_threshold=_written(membrane, share),
         v_reset=all_of(0),
     )
 
 
+def _written(membrane: Membrane, gain: float) -> NDArray[np.float32]:
+    """Return the thresholds of a node whose potential is ``gain`` times ours."""
+    if membrane.ties_fire:
+        return (membrane.thresholds * gain * (1 - TIE)).astype(np.float32)
+    least = np.nextafter(membrane.thresholds.astype(np.float32), np.float32(np.inf)) * np.float64(gain)  # that fires
+    written = least.astype(np.float32)
+    return np.where(written < least, written, np.nextafter(written, np.float32(-np.inf)))
+
+
 def from_node(name: str, node: Any, step_s: float) -> Membrane:
-    """Return a LIF or IF node as our population; its thresholds are those above which it fires.
+    """Return a LIF or IF node as our population, which fires above its thresholds.
+
+    They are the numbers of single precision, that of the potentials, nearest to the node's.
 
     Raises a NeuroroboError, which names the node, for what our neurons cannot do.
     """
@@ -85,7 +101,7 @@ def from_node(name: str, node: Any, step_s: float) -> Membrane:
         if (values["tau"] <= 0).any():
             raise refusal(name, kind, "it has a time constant that is not positive", "choose positive ones")
         decays = 1 - step_s / values["tau"]
-        decay = _rounded(float(decays[0]), node.tau) if abs(decays[0]) > TOLERANCE else 0.0  # and not just below zero
+        decay = _shortest_decay(np.ravel(node.tau)[0], step_s) if abs(decays[0]) > TOLERANCE else 0.0  # nor below zero
         if np.abs(decays - decays[0]).max() > TOLERANCE:
             raise refusal(
                 name, kind, "its neurons have several time constants", "make it a node for each, ours have one"
@@ -98,15 +114,16 @@ def from_node(name: str, node: Any, step_s: float) -> Membrane:
                 "say which step it was made for with `--dt`",
             )
         gain = (1 - decay) * values["r"]
-    if (gain <= 0).any() or (thresholds <= 0).any():
+    with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
+        thresholds = shortest(thresholds / gain)
+    if (gain <= 0).any() or not ((thresholds > 0) & np.isfinite(thresholds)).all():
         raise refusal(
             name,
             kind,
             "it has a resistance or a threshold above rest that is not positive, and fires at rest or never",
             "choose positive ones",
         )
-    thresholds = thresholds / gain
-    return Membrane(decay, np.array([_rounded(float(value), node.v_threshold) for value in thresholds]))
+    return Membrane(decay, thresholds, ties_fire=False)
 
 
 _NAMES = ("tau", "r", "v_leak", "v_threshold", "v_reset")
@@ -117,6 +134,16 @@ def refusal(name: str, kind: str, fault: str, cure: str) -> NeuroroboError:
     return NeuroroboError(f"the node `{name}` ({kind}) cannot be imported: {fault}; {cure}")
 
 
-def _rounded(value: float, stored: Any) -> float:
-    """Return a value to the digits that the numbers it was computed of have: 0.2 and not 0.2000000476."""
-    return float(f"{value:.{7 if np.asarray(stored).dtype == np.float32 else 15}g}")
+def shortest(values: Floats) -> Floats:
+    """Return for each value the shortest that is the same in single precision: 0.2 and not 0.2000000476."""
+    return np.array([float(str(value)) for value in values.astype(np.float32)])
+
+
+def _shortest_decay(tau: Any, step_s: float) -> float:
+    """Return the decay of the fewest digits that gives this very time constant, in the precision that it has."""
+    exact = 1 - step_s / float(tau)
+    for digits in range(1, 17):
+        decay = float(f"{exact:.{digits}g}")
+        if decay < 1 and tau.dtype.type(step_s / (1 - decay)) == tau:
+            return decay
+    return exact

@@ -1,9 +1,8 @@
 """Reading a file of NIR: everything that can be wrong with it is told by the name of the node."""
 
-import json
 import math
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,6 +12,8 @@ import numpy as np
 from neurorobo.errors import NeuroroboError
 from neurorobo.interchange.export import NOTES
 from neurorobo.interchange.library import nir
+from neurorobo.interchange.notes import Notes, read_notes
+from neurorobo.plugins import Registry
 
 NEURONS = ("LIF", "IF")
 SYNAPSES = ("Linear", "Affine")
@@ -44,11 +45,15 @@ _INSTEAD = {
 
 @dataclass(frozen=True)
 class Graph:
-    """The nodes of a file by name, those of graphs within graphs too, the edges between them, and our own notes."""
+    """The nodes of a file by name, those of graphs within graphs too, the edges between them, and our own notes.
+
+    ``unread`` tells why notes that are there cannot be believed.
+    """
 
     nodes: dict[str, Any]
     edges: frozenset[tuple[str, str]]
-    notes: Mapping[str, Any]
+    notes: Notes | None
+    unread: str | None
 
     def into(self, name: str) -> list[str]:
         """Return the nodes that lead to a node, in the order of the file."""
@@ -68,7 +73,7 @@ def kind(node: Any) -> str:
     return type(node).__name__
 
 
-def read_graph(path: Path) -> Graph:
+def read_graph(path: Path, registry: Registry) -> Graph:
     """Read a file of NIR; HDF5 holds numbers and text, so that nothing is run.
 
     Raises a NeuroroboError if there is no such file, it is no whole file of NIR, a node is of a kind that layers cannot
@@ -90,17 +95,8 @@ def read_graph(path: Path) -> Graph:
         raise NeuroroboError(f"{path} is no whole file of NIR ({error}); export it again") from None
     if kind(graph) != "NIRGraph":
         raise NeuroroboError(f"{path} holds a node and no graph; export the graph that it is part of")
-    return Graph(*_flattened(graph), _notes(graph.metadata))
-
-
-def _notes(metadata: Mapping[str, Any]) -> Mapping[str, Any]:
-    """Return our notes; none if they are not ours."""
-    try:
-        notes = json.loads(metadata.get(NOTES, "{}"))
-        parts = [said for key in ("inputs", "outputs", "layers") for said in notes[key].values()]
-    except (AttributeError, KeyError, TypeError, ValueError):
-        return {}
-    return notes if all(isinstance(part, dict) for part in parts) else {}
+    found = read_notes(graph.metadata[NOTES], registry) if NOTES in graph.metadata else None
+    return Graph(*_flattened(graph), *((None, found) if isinstance(found, str) else (found, None)))
 
 
 def _check_kinds(path: Path, name: str, group: Any) -> None:

@@ -2,7 +2,8 @@
 
 The region runs one step in which its circuit is replaced by one that computes nothing: each channel of an input, and
 each neuron of a layer, says its own number in place of spikes. Which number arrives where tells what the layers read
-and what the ports send, for any region that does no more with spikes than to split and to join them.
+and what the ports send, for any region that does no more with spikes than to split and to join them. A region that
+computes with them may happen to give such numbers too; so what was found is checked with random spikes.
 """
 
 import copy
@@ -20,6 +21,11 @@ from neurorobo.regions.region import Region
 
 STEPS = 2
 """In the second step all numbers are other ones, so that a number that is computed is no number that is said."""
+
+RATES = (0.1, 0.3, 0.5, 0.7, 0.9)
+"""The shares of channels that fire in a step of the random spikes."""
+
+BATCH = 2
 
 INPUT = "input"
 """The source that is all inputs of the region, side by side in the order of its ports."""
@@ -66,25 +72,69 @@ def wiring_of(region: Region) -> Wiring:
     ]:
         raise NeuroroboError(f"the layer `{spare[0]}` is no part of its circuit, so that nothing tells what it reads")
     numbers = _Numbers(region, circuit)
-    listener = _Listener(circuit, numbers)
+    listener, said = _heard(region, attribute, numbers.of_ports, numbers.of_layers)
+    sources = {name: numbers.heard(name, listener.inputs[name]) for name in circuit.inputs}
+    outputs = {name: numbers.layer(name, said[name]) for name, port in region.output_ports.items() if port.code}
+    _check(region, attribute, sources, outputs)
+    return Wiring(
+        layers,
+        _readings(circuit, sources),
+        outputs,
+        tuple(name for name, port in region.output_ports.items() if port.code is None),
+        frozenset(listener.carried),
+    )
+
+
+def _heard(
+    region: Region, attribute: str, of_ports: Mapping[str, Tensor], of_layers: Mapping[str, Tensor]
+) -> tuple["_Listener", Mapping[str, Tensor]]:
+    """Run one step with a listener as the circuit, and return it and the outputs; a NeuroroboError if it fails."""
     twin = copy.copy(region)
+    listener = _Listener(vars(region)[attribute], of_layers)
     vars(twin)[attribute] = listener
+    batch = next(iter(of_ports.values())).shape[1]
     try:
         with torch.no_grad():
-            outputs, _ = twin.step(numbers.of_ports, twin.init_state(1))
+            outputs, _ = twin.step(of_ports, twin.init_state(batch))
     except NeuroroboError:
         raise
     except Exception as error:
         raise NeuroroboError(f"it does more with spikes than to wire them ({type(error).__name__}: {error})") from error
     if not listener.inputs:
         raise NeuroroboError("its step does not run its circuit")
-    return Wiring(
-        layers,
-        _readings(circuit, listener, numbers),
-        {name: numbers.layer(name, outputs[name]) for name, port in region.output_ports.items() if port.code},
-        tuple(name for name, port in region.output_ports.items() if port.code is None),
-        frozenset(listener.carried),
-    )
+    return listener, outputs
+
+
+def _check(
+    region: Region,
+    attribute: str,
+    sources: Mapping[str, list[Source]],
+    outputs: Mapping[str, tuple[str, list[int]]],
+) -> None:
+    """Raise a NeuroroboError unless random spikes, rare and frequent ones, arrive where the wiring says."""
+    generator = torch.Generator().manual_seed(0)
+    for rate in RATES:
+
+        def random(channels: int, rate: float = rate) -> Tensor:
+            draws = torch.rand(region.clock.window, BATCH, channels, generator=generator)
+            return (draws < rate).to(torch.get_default_dtype())
+
+        of_ports = {name: random(port.channels) for name, port in region.input_ports.items()}
+        of_layers = {name: random(layer.neurons) for name, layer in vars(region)[attribute].layers.items()}
+        listener, sent = _heard(region, attribute, of_ports, of_layers)
+        spikes = {INPUT: torch.cat([*of_ports.values()], dim=-1), **of_layers}
+        ones = torch.ones(region.clock.window, BATCH)
+        for name, each in sources.items():
+            expected = [ones if source is None else spikes[source[0]][..., source[1]] for source in each]
+            if not torch.equal(listener.inputs[name], torch.stack(expected, dim=-1)):
+                raise _something_else(name)
+        for name, (layer, neurons) in outputs.items():
+            if not torch.equal(sent[name], of_layers[layer][..., neurons]):
+                raise _something_else(name)
+
+
+def _something_else(name: str) -> NeuroroboError:
+    return NeuroroboError(f"it makes of spikes something else before `{name}`")
 
 
 class _Numbers:
@@ -104,7 +154,7 @@ class _Numbers:
     def heard(self, name: str, spikes: Tensor) -> list[Source]:
         """Return where each channel comes from, or None where there is a spike in every step."""
         if spikes.dim() != 3 or spikes.shape[:2] != (STEPS, 1):
-            raise NeuroroboError(f"it makes of spikes something else before `{name}`")
+            raise _something_else(name)
         sources: list[Source] = []
         for now, then in spikes[:, 0].t().tolist():
             place = int(now) - 2
@@ -113,7 +163,7 @@ class _Numbers:
             elif now == place + 2 and then == now + len(self.sources) and 0 <= place < len(self.sources):
                 sources.append(self.sources[place])
             else:
-                raise NeuroroboError(f"it makes of spikes something else before `{name}`")
+                raise _something_else(name)
         return sources
 
     def layer(self, port: str, spikes: Tensor) -> tuple[str, list[int]]:
@@ -126,11 +176,11 @@ class _Numbers:
 
 
 class _Listener:
-    """Stands for a circuit: says numbers, and keeps what it was given."""
+    """Stands for a circuit: says what it was told for each layer, and keeps what it was given."""
 
-    def __init__(self, circuit: Circuit, numbers: _Numbers) -> None:
+    def __init__(self, circuit: Circuit, of_layers: Mapping[str, Tensor]) -> None:
         self.layers = circuit.layers
-        self.numbers = numbers
+        self.of_layers = of_layers
         self.inputs: dict[str, Tensor] = {}
         self.carried: Collection[str] = ()
 
@@ -145,12 +195,12 @@ class _Listener:
             raise NeuroroboError("it runs its circuit several times in a step")
         self.inputs = dict(inputs)
         self.carried = () if state is None else tuple(state)
-        said = self.numbers.of_layers
+        said = self.of_layers
         return {name: said[name] for name in (said if wanted is None else wanted)}, dict(state or {})
 
 
-def _readings(circuit: Circuit, listener: _Listener, numbers: _Numbers) -> dict[str, list[list[Source]]]:
-    known = {name: numbers.heard(name, listener.inputs[name]) for name in circuit.inputs}
+def _readings(circuit: Circuit, sources: Mapping[str, list[Source]]) -> dict[str, list[list[Source]]]:
+    known = dict(sources)
     readings: dict[str, list[list[Source]]] = {}
     for name, groups in circuit.readings.items():
         readings[name] = [[source for read in group for source in known[read]] for group in groups]

@@ -1,5 +1,7 @@
 """A file that is no network of ours is refused with one clear error: the file, the node and its kind, what to do."""
 
+import json
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -9,9 +11,10 @@ import numpy as np
 import pytest
 from samples import NETWORKS
 
+from neurorobo.config.document import parse_document
 from neurorobo.errors import NeuroroboError
 from neurorobo.interchange.export import to_graph
-from neurorobo.interchange.importing import import_network
+from neurorobo.interchange.importing import Imported, import_network
 from neurorobo.interchange.library import nir
 from neurorobo.plugins import Registry
 
@@ -31,7 +34,7 @@ def graph(**changes: Any) -> Any:
     nodes = {**whole.nodes, **{name.replace("__", "."): node for name, node in changes.items()}}
     kept = {name: node for name, node in nodes.items() if node is not None}
     edges = [edge for edge in whole.edges if edge[0] in kept and edge[1] in kept]
-    return nir().NIRGraph(kept, edges, type_check=False)
+    return nir().NIRGraph(kept, edges, type_check=False, metadata=whole.metadata)
 
 
 def ones(*shape: int) -> np.ndarray[Any, Any]:
@@ -152,13 +155,76 @@ def test_a_node_of_a_kind_that_nobody_knows_is_named(tmp_path: Path) -> None:
     )
 
 
-@pytest.mark.parametrize("notes", ["", "[]", "{", '{"layers": 3}', '{"layers": {"hidden.lif": {"decay": "x"}}}'])
-def test_notes_that_are_not_ours_are_passed_over(notes: str, tmp_path: Path) -> None:
+def noted(notes: str, tmp_path: Path) -> Imported:
+    """Import a file with other notes, which must be passed over with one line that tells why."""
     changed = graph()
     changed.metadata = {"neurorobo": notes}
     nir().write(tmp_path / "net.nir", changed)
     imported = import_network(tmp_path / "net.nir", REGISTRY)
     assert "fires: above" in imported.text
+    assert "fires: at" not in imported.text
+    [difference] = imported.differences
+    assert difference.startswith("the notes of neurorobo are passed over: ")
+    assert difference.isprintable()
+    parse_document(imported.text, "")
+    return imported
+
+
+@pytest.mark.parametrize("notes", ["", "[]", "{", '{"layers": 3}', '{"layers": {"hidden.lif": {"decay": "x"}}}'])
+def test_notes_that_are_not_ours_are_passed_over(notes: str, tmp_path: Path) -> None:
+    noted(notes, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "words"),
+    [
+        ("carried", 5, "carried: Input should be a valid"),
+        ("carry", "often", "carry: Input should be 'never', 'repeat' or 'always'"),
+        ("step_s", math.inf, "step_s: "),
+        ("step_s", -1.0, "step_s: "),
+        ("step_s", "0.1", "step_s: "),
+        ("spike_step", "soon", "spike_step: 'soon' is no"),
+        ("spike_step", 3, "spike_step: "),
+        ("window", 0, "window: must be at least 1 spike step"),
+        ("window", True, "window: "),
+        ("inputs/x/lo", 2.0, "inputs.x: range: "),
+        ("inputs/x/hi", math.nan, "inputs.x.hi: "),
+        ("inputs/x/width", 0, "inputs.x: "),
+        ("inputs/x/width", 3, "inputs.x: "),
+        ("inputs/x/unit", "mN/0", "inputs.x: unit: "),
+        ("inputs/x/unit", "a\nb", "inputs.x: unit: "),
+        ("inputs/x/channels", [], "inputs.x.channels: "),
+        ("inputs/x/channels", ["a"], "inputs.x.channels.0: "),
+        ("outputs/y/code", {"type": "nothing"}, "outputs.y: code.type: "),
+        ("outputs/y/code", {"type": "poisson", "neurons": -1}, "outputs.y: code"),
+        ("outputs/y/code", 3, "outputs.y.code: "),
+        ("outputs/x y", {}, "outputs.x y"),
+        ("outputs/a\nb: c", {}, "outputs.a"),
+        ("layers/hidden.lif", {"decay": 2.0, "thresholds": []}, "layers.hidden.lif.decay: "),
+        ("layers/output.lif", {"decay": 0.5, "thresholds": [1e300] * 10}, "layers.output.lif.thresholds.0: "),
+    ],
+)
+def test_one_bad_note_is_named_and_all_are_passed_over(place: str, value: object, words: str, tmp_path: Path) -> None:
+    notes = json.loads(graph().metadata["neurorobo"])
+    *path, last = place.split("/")
+    inner = notes
+    for key in path:
+        inner = inner[key]
+    inner[last] = value
+    assert words in noted(json.dumps(notes), tmp_path).differences[0]
+
+
+def test_a_layer_called_as_a_port_gets_another_name(tmp_path: Path) -> None:
+    """The name of the port is ours, or is noted; neither is the fault of the file."""
+    whole = graph()
+    for name in ("input", "x"):
+        nodes = {
+            name.join(each.split("hidden")) if each == "hidden.lif" else each: n for each, n in whole.nodes.items()
+        }
+        edges = [tuple(f"{name}.lif" if end == "hidden.lif" else end for end in edge) for edge in whole.edges]
+        nir().write(tmp_path / "net.nir", nir().NIRGraph(nodes, edges, metadata=whole.metadata))
+        imported = import_network(tmp_path / "net.nir", REGISTRY)
+        assert [*imported.region.config.layers] == [f"{name}_", "output"]
 
 
 def test_notes_about_another_node_do_not_change_it(tmp_path: Path) -> None:

@@ -31,6 +31,7 @@ def test_a_shipped_region_is_exported_imported_and_valid(
     code, out, _ = call(capsys, monkeypatch, "export", EXAMPLE, "--region", "prefrontal_cortex", "--nir", "plan.nir")
     assert (code, out.splitlines()[0]) == (0, "prefrontal_cortex: plan.nir")
     assert "without the output `confidence`, which carries numbers" in out
+    assert "fresh" not in out
     code, printed, _ = call(capsys, monkeypatch, "import", "plan.nir")
     assert code == 0
     assert [path.name for path in tmp_path.iterdir()] == ["plan.nir"]
@@ -40,6 +41,19 @@ def test_a_shipped_region_is_exported_imported_and_valid(
     assert Path("brain/plan.yaml").read_text() == printed
     assert Path("brain/plan.safetensors").exists()
     assert call(capsys, monkeypatch, "validate", "brain/plan.yaml") == (0, "brain/plan.yaml: ok\n", "")
+
+
+def test_an_import_replaces_nothing_and_an_untrained_export_is_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    fresh = ("--set", "regions.prefrontal_cortex.weights=null")
+    code, out, _ = call(capsys, monkeypatch, "export", EXAMPLE, *fresh, "--region", "prefrontal_cortex", "--nir", "p")
+    assert (code, "with fresh weights, untrained" in out) == (0, True)
+    assert call(capsys, monkeypatch, "import", "p", "--out", "net.yaml")[0] == 0
+    code, _, err = call(capsys, monkeypatch, "import", "p", "--out", "net.yaml")
+    assert (code, err.count("\n")) == (2, 1)
+    assert "net.yaml exists already, and is left as it is; choose another place with `--out`" in err
 
 
 def test_without_a_region_all_that_can_be_are_exported_and_the_others_named(
@@ -63,6 +77,14 @@ def test_without_a_region_all_that_can_be_are_exported_and_the_others_named(
         (["import", "net.nir", "--dt", "soon"], "--dt soon: "),
         (["import", "net.nir", "--dt", "0 ms"], "a time step is longer than zero"),
         (["import", "net.nir", "--dt", "1 s"], "is too short for steps of 1 s"),
+        (
+            ["export", EXAMPLE, "--nir", "net.nir/brain"],
+            "cannot be written (Not a directory); make room for it, or choose another place with `--nir`",
+        ),
+        (
+            ["export", EXAMPLE, "--region", "cerebellum", "--nir", "."],
+            ". is a folder; name a file with `--nir`, such as cere",
+        ),
         (["import", "nowhere.nir"], "there is no file nowhere.nir"),
         (["import", "net.nir", "--out", "net.nir/x.yaml"], "cannot be written"),
     ],

@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from neurorobo.errors import NeuroroboError
 from neurorobo.interchange.library import nir
-from neurorobo.interchange.neurons import STEP_S, Membrane, from_node, to_node
+from neurorobo.interchange.neurons import STEP_S, TIE, Membrane, from_node, to_node
 from neurorobo.neurons import LIF
+from neurorobo.neurons.lif import just_above
 
 Floats = NDArray[np.float64]
 
@@ -34,6 +35,20 @@ def euler(node: object, currents: Floats) -> Floats:
         potential = np.where(fired, reset, potential)
         spikes.append(fired)
     return np.array(spikes, np.float64)
+
+
+def in_single_precision(node: object, currents: Floats) -> Floats:
+    """Solve a node that rests at zero, of resistance one if it leaks, as libraries do."""
+    values = {key: torch.tensor(value) for key, value in vars(node).items() if key in ("tau", "r", "v_threshold")}
+    potential, trains = torch.zeros(currents.shape[1]), []
+    for current in torch.tensor(currents, dtype=torch.float32):
+        leaks = "tau" in values
+        change = STEP_S / values["tau"] * (current - potential) if leaks else STEP_S * values["r"] * current
+        potential = potential + change
+        fired = (potential > values["v_threshold"]).float()
+        potential = potential * (1 - fired)
+        trains.append(fired.numpy())
+    return np.array(trains, np.float64)
 
 
 def ours(decay: float, thresholds: Floats, currents: Floats, *, at: bool = True) -> tuple[Floats, Floats]:
@@ -84,14 +99,7 @@ def test_where_a_potential_equals_the_threshold_both_fire() -> None:
     node = to_node(Membrane(0.25, np.full(50, 0.5)))
     assert np.array_equal(euler(node, currents), spikes)
     assert not np.array_equal(ours(0.25, np.full(50, 0.5), currents, at=False)[0], spikes)
-    single = {key: torch.tensor(value) for key, value in vars(node).items() if key in ("tau", "v_threshold")}
-    potential, trains = torch.zeros(50), []
-    for current in torch.tensor(currents, dtype=torch.float32):
-        potential = potential + STEP_S / single["tau"] * (current - potential)
-        fired = (potential > single["v_threshold"]).float()
-        potential = potential * (1 - fired)
-        trains.append(fired.numpy())
-    assert np.array_equal(np.array(trains), spikes)
+    assert np.array_equal(in_single_precision(node, currents), spikes)
 
 
 @pytest.mark.parametrize("decay", [0.0, 0.2, 0.9, 0.99, 1.0])
@@ -103,9 +111,52 @@ def test_numbers_come_back_as_they_were_meant(decay: float, precision: type) -> 
             setattr(node, key, getattr(node, key).astype(precision))
     read = from_node("hidden", node, STEP_S)
     assert read.decay == pytest.approx(decay, abs=1e-6)
-    assert read.thresholds == pytest.approx([0.5, 0.7], rel=1e-5)
+    assert read.thresholds == pytest.approx(np.array([0.5, 0.7]) * (1 - TIE), rel=2e-7)
     if precision is np.float32:
         assert read.decay == decay
+
+
+def test_a_tie_that_does_not_fire_here_does_not_fire_in_the_node() -> None:
+    """Of neurons that fire above their threshold, as those of any file that is not ours."""
+    currents = np.random.default_rng(1).integers(-8, 9, (400, 50)) / 16
+    for decay in (0.0, 0.2, 0.25, 0.5, 0.75, 0.9, 1.0):
+        spikes, distances = ours(decay, np.full(50, 0.5), currents, at=False)
+        assert (distances == 0).sum() > 50
+        node = to_node(Membrane(decay, np.full(50, 0.5), ties_fire=False))
+        assert np.array_equal(in_single_precision(node, currents), spikes)
+    assert (to_node(Membrane(1.0, np.array([0.5, 0.7]), ties_fire=False)).v_threshold == np.float32([0.5, 0.7])).all()
+
+
+def fires(read: Membrane, potentials: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """Return which neurons fire in their first step, in single precision, as layers have it."""
+    above = [LIF(just_above(threshold), read.decay) for threshold in read.thresholds]
+    steps = [neuron.step(torch.tensor(u), torch.tensor(0.0))[0] for neuron, u in zip(above, potentials, strict=True)]
+    return np.array([bool(step) for step in steps])
+
+
+def test_an_input_that_equals_an_imported_threshold_does_not_fire_and_the_next_number_does() -> None:
+    thresholds = np.random.default_rng(0).uniform(0.01, 3, 300).astype(np.float32)
+    node = nir().IF(r=np.full(300, 1 / STEP_S, np.float32), v_threshold=thresholds, v_reset=np.zeros(300, np.float32))
+    read = from_node("lif", node, STEP_S)
+    assert not fires(read, thresholds).any()
+    assert fires(read, np.nextafter(thresholds, np.float32(np.inf))).all()
+
+
+def test_an_imported_leaky_neuron_is_that_of_the_node_to_single_precision() -> None:
+    """Its decay gives the very time constant; its threshold is the nearest number, so nothing fires at or below it."""
+    rng = np.random.default_rng(0)
+    thresholds = rng.uniform(0.01, 3, 300).astype(np.float32)
+    taus = (STEP_S * rng.uniform(1.1, 300, 300)).astype(np.float32)
+    for tau, threshold in zip(taus, thresholds, strict=True):
+        one = {"r": np.float32([0.7]), "v_leak": np.float32([0]), "v_reset": np.float32([0])}
+        read = from_node("lif", nir().LIF(tau=tau[None], v_threshold=threshold[None], **one), STEP_S)
+        assert np.float32(STEP_S / (1 - read.decay)) == tau
+        exact = float(threshold) / ((1 - read.decay) * float(np.float32(0.7)))
+        nearest = np.float32(exact)
+        assert np.float32(read.thresholds[0]) == nearest
+        below = nearest if nearest <= exact else np.nextafter(nearest, np.float32(0))
+        assert not fires(read, np.array([below])).any()
+        assert fires(read, np.array([np.nextafter(nearest, np.float32(np.inf))])).all()
 
 
 @given(

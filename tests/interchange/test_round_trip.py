@@ -1,5 +1,6 @@
 """A region that is exported and imported gives the same spikes, and is a region like any other."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +11,7 @@ from precision_interaction.regions.cerebellum_config import CerebellumConfig
 from samples import CLOCK, NETWORKS, network, run, spikes
 
 from neurorobo.config.experiment import load_experiment
+from neurorobo.config.plugged_reader import validation_context
 from neurorobo.engine import Layer
 from neurorobo.errors import NeuroroboError
 from neurorobo.experiment.build import build_brain
@@ -19,8 +21,11 @@ from neurorobo.experiment.weights import check_weights
 from neurorobo.interchange.export import export_region, to_graph
 from neurorobo.interchange.importing import import_network
 from neurorobo.interchange.library import nir
+from neurorobo.interchange.neurons import TIE
 from neurorobo.neurons import spiking_neural_unit
 from neurorobo.plugins import Registry
+from neurorobo.regions.feedforward import Feedforward
+from neurorobo.regions.feedforward_config import FeedforwardConfig
 from neurorobo.regions.spiking_network import Network
 from neurorobo.regions.spiking_network_config import NetworkConfig
 from neurorobo.regions.weights import to_grid
@@ -58,6 +63,48 @@ def test_a_network_comes_back_as_the_very_same(build: object, tmp_path: Path) ->
     assert all(0.05 < trains.mean() < 0.95 for trains in ours.values())
 
 
+@pytest.mark.parametrize("own", [False, True])
+def test_a_foreign_threshold_that_is_met_exactly_does_not_fire_however_often_it_is_written(
+    own: bool, tmp_path: Path
+) -> None:
+    thresholds = np.float32([0.5, 0.25 if own else 0.5])
+    zeros = np.zeros(2, np.float32)
+    nodes = {
+        "in": nir().Input([2]),
+        "w": nir().Linear(np.diag(thresholds)),
+        "lif": nir().IF(r=np.full(2, 1e4, np.float32), v_threshold=thresholds, v_reset=zeros),
+        "out": nir().Output([2]),
+    }
+    file = tmp_path / "net.nir"
+    nir().write(file, nir().NIRGraph(nodes, [("in", "w"), ("w", "lif"), ("lif", "out")]))
+    texts = []
+    for _ in range(3):
+        imported = import_network(file, REGISTRY)
+        texts.append(imported.text.replace("_lif", ""))
+        with torch.no_grad():
+            sent, _ = imported.region.step({"input": torch.ones(4, 1, 2)}, imported.region.init_state(1))
+        assert sent["output"][:, 0, 0].tolist() == [0, 1, 0, 1]  # twice the threshold in the second step
+        assert export_region(imported.region, file, REGISTRY) == []
+        [node] = [node for node in nir().read(file).nodes.values() if isinstance(node, nir().IF)]
+        assert np.array_equal(node.v_threshold, thresholds)
+    assert "fires: above" in texts[0]
+    assert texts[0] == texts[1] == texts[2]
+
+
+@pytest.mark.parametrize(("fires", "expected"), [("at", 0.5 * (1 - TIE)), ("above", 0.5)])
+def test_any_region_that_says_whether_ties_fire_is_written_so(fires: str, expected: float) -> None:
+    port = {"unit": "1", "range": "0..1"}
+    neuron = {"type": "lif", "decay": 1.0, "fires": fires}
+    config = FeedforwardConfig.model_validate(
+        {"inputs": {"x": port}, "outputs": {"y": port}, "hidden": [3], "neuron": neuron},
+        context=validation_context(REGISTRY),
+    )
+    nodes = to_graph(Feedforward(config, CLOCK, torch.Generator().manual_seed(0)), REGISTRY)[0].nodes.values()
+    thresholds = [node.v_threshold for node in nodes if isinstance(node, nir().IF)]
+    assert len(thresholds) == 2
+    assert all((each == np.float32(expected)).all() for each in thresholds)
+
+
 def layers(region: Network) -> list[Layer]:
     found = [module for module in region.modules() if isinstance(module, Layer)]
     return sorted(found, key=lambda layer: layer.neurons)
@@ -90,6 +137,9 @@ def test_a_region_of_a_plugin_comes_back_with_its_ports_and_its_spikes(tmp_path:
     region, file = cerebellum(), tmp_path / "cerebellum.nir"
     assert export_region(region, file, REGISTRY) == []
     imported = import_network(file, REGISTRY)
+    assert imported.differences == (
+        "the port `velocity` is left out: ports here have all channels, side by side, each of them once",
+    )
     network = imported.region
     assert network.input_ports.keys() == region.input_ports.keys()
     assert [*network.output_ports] == ["move", "residual"]
@@ -112,7 +162,13 @@ def test_an_imported_network_is_validated_run_and_trained_like_any_region(tmp_pa
     export_region(NETWORKS["recurrent"](2), tmp_path / "my-net.nir", REGISTRY)
     imported = import_network(tmp_path / "my-net.nir", REGISTRY)
     file = tmp_path / "folder" / "net.yaml"
-    assert imported.write(file) == tmp_path / "folder" / "my_net.safetensors"
+    assert imported.write(file) == tmp_path / "folder" / "net.safetensors"
+    with pytest.raises(NeuroroboError, match=r"net\.yaml exists already, and is left as it is; choose another place"):
+        imported.write(file)
+    with pytest.raises(NeuroroboError, match=r"net\.safetensors exists already"):
+        imported.write(file.with_suffix(".yml"))
+    with pytest.raises(NeuroroboError, match=r"is where the weights will be; call the experiment other\.yaml"):
+        imported.write(tmp_path / "other.safetensors")
     experiment = load_experiment(file, ["regions.my_net.inputs.x.initial=0.7"], REGISTRY)
     plan = build_plan(experiment)
     check_weights(experiment, plan)
@@ -129,6 +185,45 @@ def test_an_imported_network_is_validated_run_and_trained_like_any_region(tmp_pa
     assert all(parameter.grad is not None and parameter.grad.any() for parameter in region.parameters())
 
 
+def test_two_networks_of_the_same_name_in_one_folder_keep_their_weights(tmp_path: Path) -> None:
+    for seed, file in enumerate(("x", "y")):
+        export_region(NETWORKS["recurrent"](seed), tmp_path / file / "net.nir", REGISTRY)
+        import_network(tmp_path / file / "net.nir", REGISTRY).write(tmp_path / "brain" / f"{file}.yaml")
+    for seed, file in enumerate(("x", "y")):
+        brain = build_brain(load_experiment(tmp_path / "brain" / f"{file}.yaml", (), REGISTRY))
+        there, here = (region.parameters() for region in (NETWORKS["recurrent"](seed), brain.region("net")))
+        assert all(torch.equal(a, b) for a, b in zip(there, here, strict=True))
+
+
+def test_outputs_in_another_order_than_their_neurons_keep_their_names(tmp_path: Path) -> None:
+    region = NETWORKS["recurrent"](0)
+    graph, _ = to_graph(region, REGISTRY)
+    notes = json.loads(graph.metadata["neurorobo"])
+    port = {"unit": "mN", "width": 1, "lo": -1.0, "hi": 1.0, "code": {"type": "poisson", "neurons": 5}}
+    notes["outputs"] = {"late": {**port, "channels": [*range(5, 10)]}, "early": {**port, "channels": [*range(5)]}}
+    graph.metadata = {"neurorobo": json.dumps(notes)}
+    nir().write(tmp_path / "net.nir", graph)
+    imported = import_network(tmp_path / "net.nir", REGISTRY)
+    assert [*imported.region.output_ports] == ["early", "late"]
+    assert {port.unit for port in imported.region.output_ports.values()} == {"mN"}
+    assert imported.differences == ()
+
+
+@pytest.mark.parametrize("channels", [[*range(9, -1, -1)], [*range(0, 20, 2)], [*range(1, 11)]])
+def test_ports_that_cannot_be_are_told(channels: list[int], tmp_path: Path) -> None:
+    graph, _ = to_graph(NETWORKS["recurrent"](0), REGISTRY)
+    notes = json.loads(graph.metadata["neurorobo"])
+    notes["outputs"]["y"]["channels"] = channels
+    graph.metadata = {"neurorobo": json.dumps(notes)}
+    nir().write(tmp_path / "net.nir", graph)
+    imported = import_network(tmp_path / "net.nir", REGISTRY)
+    assert [*imported.region.output_ports] == ["output"]
+    assert [*imported.region.input_ports] == ["x"]
+    [told] = imported.differences
+    assert "the port `y` is left out" in told
+    assert f"# {told}\n" in imported.text
+
+
 def test_the_quantities_of_an_imported_network_can_be_chosen(tmp_path: Path) -> None:
     """Weights know of layers alone: another unit, range or code of the same channels takes them too."""
     export_region(NETWORKS["recurrent"](2), tmp_path / "net.nir", REGISTRY)
@@ -143,9 +238,8 @@ def test_the_quantities_of_an_imported_network_can_be_chosen(tmp_path: Path) -> 
         check_weights(other, build_plan(other))
 
 
-@pytest.mark.parametrize("layers", [*({"a": {"neurons": 30, "reads": ["inputs"]}, **OWN},)])
-def test_a_network_keeps_the_contract(layers: dict[str, object]) -> None:
-    config = network(layers, 0, carry="always").config
+def test_a_network_keeps_the_contract() -> None:
+    config = network({"a": {"neurons": 30, "reads": ["inputs"]}, **OWN}, 0, carry="always").config
     assert isinstance(config, NetworkConfig)
     check_region(config)
 

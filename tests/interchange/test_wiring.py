@@ -12,8 +12,10 @@ from neurorobo.clock import Clock
 from neurorobo.codes import PopulationUniform
 from neurorobo.engine import Circuit, Layer
 from neurorobo.errors import NeuroroboError
+from neurorobo.interchange.export import to_graph
 from neurorobo.interchange.wiring import INPUT, wiring_of
 from neurorobo.neurons import LIF
+from neurorobo.plugins import Registry
 from neurorobo.regions import Port, RegionConfig
 from neurorobo.regions.plastic import Plastic
 from neurorobo.regions.region import Probe, Region, State
@@ -67,6 +69,22 @@ def test_a_wiring_says_what_is_read_where_and_what_is_sent() -> None:
     assert wiring.carried == {"second"}
 
 
+def test_a_layer_that_reads_constant_currents_alone_keeps_them() -> None:
+    class Constant(Pair):
+        def step(
+            self, inputs: Mapping[str, Tensor], state: State, probe: Probe | None = None
+        ) -> tuple[dict[str, Tensor], State]:
+            ones = {name: torch.ones_like(spikes) for name, spikes in inputs.items()}
+            return super().step(ones, state, probe)
+
+    region = Constant(PairConfig())
+    nodes = to_graph(region, Registry())[0].nodes
+    assert not nodes["first.from_input"].weight.any()
+    assert nodes["first.from_input"].weight.shape == (4, 9)
+    weight = region.first.projections[0].get_parameter("weight").detach()
+    assert nodes["first.from_input"].bias == pytest.approx(weight.sum(1).numpy(), rel=1e-5)
+
+
 def test_asking_changes_nothing() -> None:
     region = Pair(PairConfig())
     before, circuit = dict(vars(region)), region.circuit
@@ -95,6 +113,10 @@ def doing(change: Callable[[Any, dict[str, Tensor]], Any]) -> type[Pair]:
         (lambda region, said: 1 - said["late"], "makes of spikes something else before `late`"),
         (lambda region, said: said["late"] + said["early"].repeat(1, 1, 2), "something else before `late`"),
         (lambda region, said: said["late"][:1], "something else before `late`"),
+        (lambda region, said: torch.maximum(said["late"], said["late"].flip(2)), "something else before `late`"),
+        (lambda region, said: torch.minimum(said["late"], said["late"].flip(2)), "something else before `late`"),
+        (lambda region, said: said["late"].sort(dim=2).values, "something else before `late`"),
+        (lambda region, said: said["late"] - said["late"][..., :1] + said["early"][..., 2:], "before `late`"),
         (lambda region, said: said["late"].new_ones(2, 1, 6), "`late` is not of the neurons of one layer"),
         (lambda region, said: region.nothing, "does more with spikes than to wire them"),
         (lambda region, said: Pair.step(region, {"a": 0, "b": 0}, {})[0]["late"], "its circuit several times"),
@@ -103,6 +125,27 @@ def doing(change: Callable[[Any, dict[str, Tensor]], Any]) -> type[Pair]:
 def test_what_is_more_than_wiring_is_refused(change: Callable[[Any, dict[str, Tensor]], Any], words: str) -> None:
     with pytest.raises(NeuroroboError, match=words):
         wiring_of(doing(change)(PairConfig()))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda a, b: torch.maximum(a, b[..., :3]),
+        lambda a, b: (a + b[..., :3]).clamp(max=1),
+        lambda a, b: (a > 0).float(),
+        lambda a, b: a - b[..., :3] + b[..., 3:],
+        lambda a, b: a.cummax(0).values,
+    ],
+)
+def test_what_is_computed_before_the_circuit_is_refused(change: Callable[[Tensor, Tensor], Tensor]) -> None:
+    class Other(Pair):
+        def step(
+            self, inputs: Mapping[str, Tensor], state: State, probe: Probe | None = None
+        ) -> tuple[dict[str, Tensor], State]:
+            return super().step({**inputs, "a": change(inputs["a"], inputs["b"])}, state, probe)
+
+    with pytest.raises(NeuroroboError, match="makes of spikes something else before `a`"):
+        wiring_of(Other(PairConfig()))
 
 
 def test_what_is_no_circuit_is_refused_by_its_name() -> None:
