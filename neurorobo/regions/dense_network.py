@@ -7,7 +7,8 @@ import torch
 from torch import Tensor, nn
 
 from neurorobo.clock import Clock
-from neurorobo.regions.dense_network_config import DenseNetworkConfig, RangedPort
+from neurorobo.regions.dense_network_config import DenseNetworkConfig
+from neurorobo.regions.ranged_port import RangedPort
 from neurorobo.regions.region import Probe, Region, State
 from neurorobo.units import Interval
 

@@ -1,33 +1,13 @@
 """The configuration of a network of plain numbers."""
 
-from typing import Annotated, ClassVar, Literal, Self
+from typing import Annotated, ClassVar, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import Field
 
 from neurorobo.clock import Clock
 from neurorobo.regions.config import RegionConfig
 from neurorobo.regions.port import Port
-from neurorobo.units import Interval, parse_interval
-
-
-class RangedPort(BaseModel):
-    """A quantity that goes in or comes out as numbers."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    unit: str = Field(description="The unit of the quantity, such as um/s.")
-    width: int = Field(default=1, ge=1, description="The number of components.")
-    range: str = Field(description="What the network computes with as -1..1, such as 0..100 um/s.")
-
-    @model_validator(mode="after")
-    def _in_unit(self) -> Self:
-        parse_interval(self.range, self.unit)
-        return self
-
-    @property
-    def interval(self) -> Interval:
-        """The range, in the unit of the port."""
-        return parse_interval(self.range, self.unit)
+from neurorobo.regions.ranged_port import RangedPort
 
 
 class DenseNetworkConfig(RegionConfig):

@@ -77,8 +77,7 @@ class PlasticNetwork(Network, Plastic):
             known[name] = spikes
             if probe is not None:
                 probe(name, spikes)
-        parts = spikes.split([port.channels for port in self.output_ports.values()], dim=-1)
-        return dict(zip(self.output_ports, parts, strict=True)), after
+        return self._sent(spikes), after
 
     def _reads(self, name: str) -> list[str]:
         """Return what each projection of a layer reads."""

@@ -11,7 +11,6 @@ from neurorobo.regions.readout_network_config import ReadoutConfig, ReadoutNetwo
 from neurorobo.regions.region import Probe, State
 from neurorobo.regions.spiking_network import LayeredNetwork
 from neurorobo.synapses import Dense
-from neurorobo.units import parse_interval
 
 _PREFIX = "readout_"
 
@@ -33,7 +32,7 @@ class Readout(nn.Module):
         super().__init__()
         self.takes = config.takes
         self.decay = config.decay or 0.0
-        self.range = parse_interval(config.range, config.unit)
+        self.range = config.interval
         self.synapses = Dense(sources, config.width, generator, gain=gain)
         self.bias = nn.Parameter(torch.zeros(config.width, 1))  # of a fan-in of one, by which training scales steps
 

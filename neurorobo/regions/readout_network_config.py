@@ -3,25 +3,20 @@
 from collections.abc import Mapping
 from typing import Any, ClassVar, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator, model_validator
+from pydantic import Field, model_validator
 
 from neurorobo.clock import Clock
 from neurorobo.errors import did_you_mean
-from neurorobo.regions.known_unit import KnownUnit
 from neurorobo.regions.port import Port
+from neurorobo.regions.ranged_port import RangedPort
 from neurorobo.regions.spiking_network_config import LayeredNetworkConfig, Name
-from neurorobo.units import format_quantity, parse_interval
 
 Reading = Literal["rate", "last", "mean", "largest"]
 
 
-class ReadoutConfig(BaseModel):
+class ReadoutConfig(RangedPort):
     """A quantity that is read out of layers as a number."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-    unit: KnownUnit = Field(description="The unit of the quantity, such as um/s.")
-    width: int = Field(default=1, ge=1, description="The number of components.")
     range: str = Field(description="The values that can be said, such as 0..100 um/s; what goes beyond saturates.")
     reads: tuple[str, ...] = Field(min_length=1, description="The layers that are weighed, all to all.")
     takes: Reading = Field(
@@ -32,14 +27,6 @@ class ReadoutConfig(BaseModel):
     decay: float | None = Field(
         default=None, ge=0, lt=1, description="What is left of that potential after one step; not of a rate."
     )
-
-    @field_validator("range")
-    @classmethod
-    def _in_unit(cls, text: str, info: ValidationInfo) -> str:
-        if (unit := info.data.get("unit")) is None:
-            return text
-        interval = parse_interval(text, unit)
-        return f"{format_quantity(interval.lo, '1')}..{format_quantity(interval.hi, unit)}"
 
     @model_validator(mode="after")
     def _potentials_decay(self) -> Self:

@@ -79,5 +79,9 @@ class Network(LayeredNetwork):
         """Run one window."""
         last = [*self.config.layers][-1]
         spikes, after = self.run_layers(inputs, state, [last], probe)
-        parts = spikes[last].split([port.channels for port in self.output_ports.values()], dim=-1)
-        return dict(zip(self.output_ports, parts, strict=True)), after
+        return self._sent(spikes[last]), after
+
+    def _sent(self, spikes: Tensor) -> dict[str, Tensor]:
+        """Return the outputs, of the spikes of the last layer."""
+        parts = spikes.split([port.channels for port in self.output_ports.values()], dim=-1)
+        return dict(zip(self.output_ports, parts, strict=True))

@@ -93,19 +93,6 @@ def test_decoding_is_differentiable_with_opposite_signs() -> None:
     assert spikes.grad[0, 0].tolist() == pytest.approx([0, 0, 0, 0, 0.05, 0.05, -0.05, -0.05])
 
 
-def test_each_component_and_each_member_of_a_batch_is_apart() -> None:
-    code = PopulationSigned(4, -1.0, 1.0)
-    for dtype in (torch.float32, torch.float64):
-        values = torch.tensor([[-0.7, 0.1, 0.9], [0.3, -0.2, -1.0]], dtype=dtype)
-        spikes = code.encode(values, 20)
-        assert spikes.shape == (20, 2, 12)
-        assert spikes.dtype == code.decode(spikes).dtype == dtype
-        alone = [code.encode(values[:, i : i + 1], 20) for i in range(3)]
-        assert torch.equal(spikes, torch.cat(alone, dim=-1))
-    for shape in ((0, 2), (2, 0)):
-        assert code.decode(code.encode(torch.zeros(shape), 5)).shape == shape
-
-
 @pytest.mark.parametrize(
     ("neurons", "lo", "hi", "words"),
     [

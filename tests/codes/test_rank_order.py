@@ -124,19 +124,6 @@ def test_a_neuron_that_is_lost_counts_as_the_last() -> None:
     assert torch.equal(code.decode(lost), code.decode(spikes))
 
 
-def test_each_component_and_each_member_of_a_batch_is_apart() -> None:
-    code = RankOrder(4, -1.0, 1.0)
-    for dtype in (torch.float32, torch.float64):
-        values = torch.tensor([[-0.7, 0.1, 0.9], [0.3, -0.2, -1.0]], dtype=dtype)
-        spikes = code.encode(values, 20)
-        assert spikes.shape == (20, 2, 12)
-        assert spikes.dtype == code.decode(spikes).dtype == dtype
-        alone = [code.encode(values[:, i : i + 1], 20) for i in range(3)]
-        assert torch.equal(spikes, torch.cat(alone, dim=-1))
-    for shape in ((0, 2), (2, 0)):
-        assert code.decode(code.encode(torch.zeros(shape), 5)).shape == shape
-
-
 def test_an_order_that_does_not_fit_into_the_window_is_refused_with_the_cure() -> None:
     code = RankOrder(10, 0.0, 1.0)
     spikes = code.encode(column(0.3), 10)
