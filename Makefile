@@ -78,7 +78,7 @@ python:
 	  $(BIN)/python -c 'from importlib.metadata import version; print("torch==" + version("torch"))'; } > .venv/constraints.txt
 	@touch $@
 
-.venv/.installed: .venv/.torch pyproject.toml setup.py neurorobo/engine/native.c $(PLUGINS)
+.venv/.installed: .venv/.torch pyproject.toml setup.py neurorobo/engine/native.c neurorobo/engine/models.h $(PLUGINS)
 	$(PIP) install -c .venv/constraints.txt -e . $(PLUGINS:%/pyproject.toml=-e %)
 	@touch $@
 

@@ -242,7 +242,7 @@ def publish(found: dict[str, Any]) -> None:
 def engine() -> dict[str, str]:
     """Return what tells one engine from another: its version, and a hash of all its source."""
     folder = ROOT / "neurorobo" / "engine"
-    files = sorted([*folder.glob("*.py"), folder / "native.c", ROOT / "neurorobo" / "synapses" / "product.py"])
+    files = sorted([*folder.glob("*.py"), folder / "native.c", folder / "models.h", ROOT / "neurorobo" / "synapses" / "product.py"])
     source = hashlib.sha256(b"\0".join(file.read_bytes() for file in files)).hexdigest()
     return {"version": neurorobo.__version__, "source": source[:16]}
 

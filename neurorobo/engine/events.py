@@ -13,7 +13,8 @@ from torch import Tensor
 
 from neurorobo.engine.checked import CheckedWeights
 from neurorobo.engine.kernels import Drive, Events, Kernels, Packed
-from neurorobo.neurons import LIF
+from neurorobo.engine.models import native_model
+from neurorobo.neurons import LIF, Neuron
 from neurorobo.synapses.product import linear
 
 DENSE_ABOVE = 0.7
@@ -39,7 +40,7 @@ def most_events(rows: int, sources: int) -> float:
 class Population(NamedTuple):
     """What stays from window to window: the neuron, the index of each fan-in's sources, and the weights as checked."""
 
-    neuron: LIF
+    neuron: Neuron
     indices: Sequence[Tensor | None]
     checked: CheckedWeights
 
@@ -82,26 +83,26 @@ def run_events(
     population: Population,
     inputs: Sequence[Tensor],
     weights: Sequence[Tensor],
-    potential: Tensor,
+    state: Tensor,
     threshold: Tensor | None,
     recurrent_weight: Tensor | None,
     current: Tensor | None = None,
 ) -> tuple[Tensor, Tensor]:
-    """Run a layer through a window and return its spikes (steps, batch, neurons) and last potential.
+    """Run a layer through a window and return its spikes (steps, batch, neurons) and the state after it.
 
     ``inputs`` are the spikes (steps, batch, sources) of each projection, ``weights`` its (targets, sources), or
-    (targets, fan_in) with an index; ``current`` (steps, batch, neurons), if given, is added and overwritten by the
-    potentials. All else is as in :func:`neurorobo.engine.run_window`, and all is float32 on the CPU. Raises a
-    ValueError if a spike is neither 0 nor 1 or a weight is not finite.
+    (targets, fan_in) with an index; ``current`` (steps, batch, neurons), if given, is added and overwritten, by the
+    potentials of LIF neurons. ``state`` is that of a :class:`neurorobo.engine.Layer`, ``threshold`` is for LIF neurons.
+    All is float32 on the CPU. Raises a ValueError if a spike is neither 0 nor 1 or a weight is not finite.
     """
-    if threshold is None:
+    if threshold is None and isinstance(population.neuron, LIF):
         threshold = number_tensor(population.neuron.threshold)
     if torch.is_grad_enabled():
-        given = (current, potential, threshold, recurrent_weight, *inputs, *weights)
+        given = (current, state, threshold, recurrent_weight, *inputs, *weights)
         if any(tensor is not None and tensor.requires_grad for tensor in given):
             spikes, last, _ = _Window.apply(native, population, *given)  # type: ignore[no-untyped-call]
             return spikes, last
-    ran = _run(native, population, current, potential, threshold, recurrent_weight, *inputs, *weights, training=False)
+    ran = _run(native, population, current, state, threshold, recurrent_weight, *inputs, *weights, training=False)
     return ran.spikes, ran.last
 
 
@@ -111,6 +112,7 @@ class _Ran(NamedTuple):
     spikes: Tensor
     last: Tensor
     potentials: Tensor | None
+    before: Tensor | None
     events: Sequence[Events | None]
     fired: Tensor | None
 
@@ -119,15 +121,16 @@ def _run(
     native: Kernels,
     population: Population,
     current: Tensor | None,
-    potential: Tensor,
-    threshold: Tensor,
+    state: Tensor,
+    threshold: Tensor | None,
     recurrent_weight: Tensor | None,
     *inputs_and_weights: Tensor,
     training: bool,
 ) -> _Ran:
     checked, count = population.checked, len(population.indices)
     inputs, weights = inputs_and_weights[:count], inputs_and_weights[count:]
-    steps, batch = len(inputs[0] if current is None else current), len(potential)
+    steps, batch = len(inputs[0] if current is None else current), len(state)
+    neurons = len(weights[0]) if current is None else current.shape[2]
     potentials = current
     drives: list[Drive] = []
     kept: list[Events | None] = []
@@ -149,14 +152,25 @@ def _run(
     recurrent = None
     if recurrent_weight is not None:
         recurrent = checked.packed("recurrent", recurrent_weight, native, narrow=not training)
-    last = potential.clone().contiguous()
-    spikes = native.empty((steps, *last.shape))
+    last = state.clone().contiguous()
+    spikes = native.empty((steps, batch, neurons))
     if potentials is None and training:
         potentials = native.empty(spikes.shape) if current is None else current
+    before = None
+    if training and (model := native_model(population.neuron)) is not None:
+        before = native.empty((steps, batch, model.variables, neurons))
     fired = native.run_window(
-        drives, current, recurrent, population.neuron, threshold.contiguous(), last, spikes, potentials
+        drives,
+        current,
+        recurrent,
+        population.neuron,
+        None if threshold is None else threshold.contiguous(),
+        last,
+        spikes,
+        potentials,
+        before,
     )
-    return _Ran(spikes, last, potentials, kept, fired)
+    return _Ran(spikes, last, potentials, before, kept, fired)
 
 
 class _Window(torch.autograd.Function):
@@ -168,17 +182,15 @@ class _Window(torch.autograd.Function):
         native: Kernels,
         population: Population,
         current: Tensor | None,
-        potential: Tensor,
-        threshold: Tensor,
+        state: Tensor,
+        threshold: Tensor | None,
         recurrent_weight: Tensor | None,
         *inputs_and_weights: Tensor,
     ) -> tuple[Tensor, Tensor, Tensor | None]:
         ctx.set_materialize_grads(False)
         if current is not None:
             ctx.mark_dirty(current)
-        ran = _run(
-            native, population, current, potential, threshold, recurrent_weight, *inputs_and_weights, training=True
-        )
+        ran = _run(native, population, current, state, threshold, recurrent_weight, *inputs_and_weights, training=True)
         ctx.native, ctx.population = native, population
         count = len(population.indices)
         inputs, weights = inputs_and_weights[:count], inputs_and_weights[count:]
@@ -186,7 +198,9 @@ class _Window(torch.autograd.Function):
             None if events is None else (events.sources, events.ones) for events in ran.events
         ]  # what the events are, but for their words
         words = [spikes if events is None else events.words for spikes, events in zip(inputs, ran.events, strict=True)]
-        ctx.save_for_backward(ran.potentials, potential, threshold, recurrent_weight, ran.fired, *words, *weights)
+        ctx.save_for_backward(
+            ran.potentials, ran.before, state, threshold, recurrent_weight, ran.fired, *words, *weights
+        )
         return ran.spikes, ran.last, current
 
     @staticmethod
@@ -194,42 +208,27 @@ class _Window(torch.autograd.Function):
     def backward(
         ctx: Any, grad_spikes: Tensor | None, grad_last: Tensor | None, _: Tensor | None
     ) -> tuple[Tensor | None, ...]:
-        potentials, potential, threshold, recurrent_weight, fired, *rest = ctx.saved_tensors
+        potentials, before, state, threshold, recurrent_weight, fired, *rest = ctx.saved_tensors
         native: Kernels = ctx.native
-        flat_threshold = threshold.contiguous()
         neuron, indices = ctx.population.neuron, ctx.population.indices
         words, weights = rest[: len(indices)], rest[len(indices) :]
-        _, _, needs_current, needs_potential, needs_threshold, needs_recurrent, *needs = ctx.needs_input_grad
-        zero = potentials.new_zeros(()).expand_as(potentials)
-        grad_spikes = zero if grad_spikes is None else grad_spikes
-        grad_current = native.empty(potentials.shape)
-        grad_threshold = potential.new_zeros(potential.shape) if needs_threshold else None  # contiguous at any rate
-
-        def back(
-            potentials: Tensor, grads: Tensor, last: Tensor | None, later: Tensor | None, into: Tensor, rectify: bool
-        ) -> None:
-            """Go back through some steps, of a recurrent layer one by one."""
-            if later is not None and recurrent_weight is not None:
-                grads = linear(later, recurrent_weight.t()).add_(grads[0]).unsqueeze(0)
-            native.scan_back(
-                neuron, flat_threshold, potentials, grads, last, later, into, grad_threshold, rectify=rectify
+        _, _, needs_current, needs_state, needs_threshold, needs_recurrent, *needs = ctx.needs_input_grad
+        grad_spikes = potentials.new_zeros(()).expand_as(potentials) if grad_spikes is None else grad_spikes
+        grad_last = None if grad_last is None else grad_last.contiguous()
+        if isinstance(neuron, LIF):
+            gradients = _back_through_lif(
+                native,
+                neuron,
+                _Saved(potentials, None, state, threshold, recurrent_weight),
+                grad_spikes,
+                grad_last,
+                needs_state=needs_state,
+                needs_threshold=needs_threshold,
             )
-
-        if grad_last is not None:
-            grad_last = grad_last.contiguous()
-        if recurrent_weight is None:
-            back(potentials, grad_spikes, grad_last, None, grad_current, neuron.rectify)
         else:
-            later: Tensor | None = None
-            for t in range(len(potentials) - 1, -1, -1):
-                now = slice(t, t + 1)
-                back(potentials[now], grad_spikes[now], grad_last, later, grad_current[now], neuron.rectify)
-                grad_last, later = None, grad_current[t]
-        grad_potential = None
-        if needs_potential or needs_threshold:  # which was rectified, if at all, by the window that it came from
-            grad_potential = torch.empty_like(potentials[0])
-            before = potential.contiguous().unsqueeze(0)
-            back(before, zero[:1], None, grad_current[0], grad_potential.unsqueeze(0), False)
+            saved = _Saved(potentials, before, state, None, recurrent_weight)
+            gradients = _back_through_model(native, neuron, saved, grad_spikes, grad_last)
+        grad_current = gradients.current
         grad_recurrent = None
         if needs_recurrent:
             steps, batch, neurons = potentials.shape
@@ -252,18 +251,98 @@ class _Window(torch.autograd.Function):
                 grad_weight = native.weight_gradient(Events(spikes, *known), grad_current, index)
             grad_inputs.append(grad_input)
             grad_weights.append(grad_weight)
-        if grad_threshold is not None:
-            grad_threshold = grad_threshold.sum_to_size(threshold.shape)
         return (
             None,
             None,
             grad_current if needs_current else None,
-            grad_potential if needs_potential else None,
-            grad_threshold,
+            gradients.state if needs_state else None,
+            gradients.threshold,
             grad_recurrent,
             *grad_inputs,
             *grad_weights,
         )
+
+
+class _Saved(NamedTuple):
+    """What the way back through the neurons of a window needs: see :meth:`Kernels.run_window`."""
+
+    potentials: Tensor
+    before: Tensor | None
+    state: Tensor
+    threshold: Tensor | None
+    recurrent_weight: Tensor | None
+
+
+class _Gradients(NamedTuple):
+    """Those of the currents (steps, batch, neurons), the state before the window and the thresholds."""
+
+    current: Tensor
+    state: Tensor | None
+    threshold: Tensor | None
+
+
+def _back_through_lif(
+    native: Kernels,
+    neuron: LIF,
+    saved: _Saved,
+    grad_spikes: Tensor,
+    grad_last: Tensor | None,
+    *,
+    needs_state: bool,
+    needs_threshold: bool,
+) -> _Gradients:
+    potentials, _, potential, threshold, recurrent_weight = saved
+    assert threshold is not None
+    flat_threshold = threshold.contiguous()
+    grad_current = native.empty(potentials.shape)
+    grad_threshold = potential.new_zeros(potential.shape) if needs_threshold else None  # contiguous at any rate
+
+    def back(
+        potentials: Tensor, grads: Tensor, last: Tensor | None, later: Tensor | None, into: Tensor, rectify: bool
+    ) -> None:
+        """Go back through some steps, of a recurrent layer one by one."""
+        if later is not None and recurrent_weight is not None:
+            grads = linear(later, recurrent_weight.t()).add_(grads[0]).unsqueeze(0)
+        native.scan_back(neuron, flat_threshold, potentials, grads, last, later, into, grad_threshold, rectify=rectify)
+
+    if recurrent_weight is None:
+        back(potentials, grad_spikes, grad_last, None, grad_current, neuron.rectify)
+    else:
+        later: Tensor | None = None
+        for t in range(len(potentials) - 1, -1, -1):
+            now = slice(t, t + 1)
+            back(potentials[now], grad_spikes[now], grad_last, later, grad_current[now], neuron.rectify)
+            grad_last, later = None, grad_current[t]
+    grad_potential = None
+    if needs_state or needs_threshold:  # which was rectified, if at all, by the window that it came from
+        grad_potential = torch.empty_like(potentials[0])
+        before, nothing = potential.contiguous().unsqueeze(0), potentials.new_zeros(()).expand_as(potentials[:1])
+        back(before, nothing, None, grad_current[0], grad_potential.unsqueeze(0), False)
+    if grad_threshold is not None:
+        grad_threshold = grad_threshold.sum_to_size(threshold.shape)
+    return _Gradients(grad_current, grad_potential, grad_threshold)
+
+
+def _back_through_model(
+    native: Kernels, neuron: Neuron, saved: _Saved, grad_spikes: Tensor, grad_last: Tensor | None
+) -> _Gradients:
+    current, before, state, _, recurrent_weight = saved
+    assert before is not None
+    steps, _, neurons = current.shape
+    grad_current = native.empty(current.shape)
+    if recurrent_weight is None:
+        grad_state = torch.zeros_like(state) if grad_last is None else grad_last.clone()
+        native.model_back(neuron, before, current, grad_spikes, grad_state, grad_current)
+        return _Gradients(grad_current, grad_state, None)
+    if grad_last is None:
+        grad_last = torch.zeros_like(state)
+    grad_state, of_fired = grad_last[:, :-neurons].contiguous(), grad_last[:, -neurons:]
+    for t in range(steps - 1, -1, -1):
+        now = slice(t, t + 1)
+        grads = (grad_spikes[t] + of_fired).unsqueeze(0)
+        native.model_back(neuron, before[now], current[now], grads, grad_state, grad_current[now])
+        of_fired = linear(grad_current[t], recurrent_weight.t())
+    return _Gradients(grad_current, torch.cat([grad_state, of_fired], dim=1), None)
 
 
 @cache

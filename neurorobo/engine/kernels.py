@@ -16,11 +16,10 @@ import torch
 from torch import Tensor
 
 from neurorobo.engine import structures
+from neurorobo.engine.models import SHAPES, native_model
 from neurorobo.engine.native import library
 from neurorobo.engine.structures import Integer, Pointer
-from neurorobo.neurons import LIF
-
-SHAPES = {"rectangular": 0, "triangular": 1, "arctan": 2, "fast_sigmoid": 3}
+from neurorobo.neurons import LIF, Neuron
 
 LARGE_BYTES = 2**23
 """From what size on memory asks for large pages; what is smaller, the allocator hands out again as it is."""
@@ -95,12 +94,13 @@ class Kernels:
         self._decode = library.neurorobo_decode
         self._decode.argtypes = (Pointer, *(Integer,) * 6, *(ctypes.c_double,) * 2, Pointer)
         self._scan_back = library.neurorobo_scan_back
+        self._model_back = library.neurorobo_model_back
         self._weight_gradient = library.neurorobo_weight_gradient
         for function in vars(self).values():
             function.restype = Integer
         self._use_large_pages = library.neurorobo_use_large_pages
         self._use_large_pages.argtypes = (Pointer, Integer)
-        for function in (self._count, self._scan_back, self._decode, self._use_large_pages):
+        for function in (self._count, self._scan_back, self._model_back, self._decode, self._use_large_pages):
             function.restype = None
         if openmp := _openmp():
             library.neurorobo_use_openmp(openmp)
@@ -176,17 +176,20 @@ class Kernels:
         drives: Sequence[Drive],
         current: Tensor | None,
         recurrent: Packed | None,
-        neuron: LIF,
-        threshold: Tensor,
+        neuron: Neuron,
+        threshold: Tensor | None,
         last: Tensor,
         spikes: Tensor,
         potentials: Tensor | None,
+        before: Tensor | None = None,
     ) -> Tensor | None:
         """Run a layer through a window, writing ``spikes`` and, if given, ``potentials`` (steps, batch, neurons).
 
-        ``last`` (batch, neurons) is the potential before and becomes that after. ``current`` (steps, batch, neurons)
-        is what the drives add to. ``recurrent`` is packed. ``threshold`` is one number or (neurons). Returns, of a
-        recurrent layer, the words (steps + 1, batch, words) of its spikes, those before the window first.
+        ``last`` is the state before and becomes that after: of LIF neurons the potential (batch, neurons), of others
+        (batch, carried) as a layer has it. ``current`` (steps, batch, neurons) is what the drives add to. ``recurrent``
+        is packed. ``threshold``, of LIF neurons, is one number or (neurons). Of others, ``potentials`` become all that
+        they heard, and ``before`` (steps, batch, variables, neurons), if given, the state before each step. Returns, of
+        a recurrent layer, the words (steps + 1, batch, words) of its spikes, those before the window first.
         """
         arguments = window_arguments(spikes.shape, drives, recurrent, neuron, threshold)
         steps, batch, neurons = spikes.shape
@@ -201,6 +204,7 @@ class Kernels:
         arguments.potentials = _address(potentials)
         arguments.spikes = spikes.data_ptr()
         arguments.last = last.data_ptr()
+        arguments.before = _address(before)
         failed = self._run_window(ctypes.byref(arguments))
         if failed == 3:
             place = (~last.isfinite()).nonzero()[0].tolist()
@@ -264,6 +268,46 @@ class Kernels:
                     neuron.surrogate.width,
                     grad_current.data_ptr(),
                     _address(grad_threshold),
+                )
+            )
+        )
+
+    def model_back(
+        self,
+        neuron: Neuron,
+        before: Tensor,
+        current: Tensor,
+        grad_spikes: Tensor,
+        grad_state: Tensor,
+        grad_current: Tensor,
+    ) -> None:
+        """Write ``grad_current`` (steps, batch, neurons) of neurons other than LIF.
+
+        ``grad_spikes`` are of any strides. ``before`` (steps, batch, variables, neurons) and ``current`` (steps, batch, neurons) are what
+        :meth:`run_window` wrote. ``grad_state`` (batch, variables x neurons) is that of the state after these steps and
+        becomes that of the state before them.
+        """
+        steps, batch, neurons = current.shape
+        if neurons > 1 and grad_spikes.stride(2) != 1:
+            grad_spikes = grad_spikes.contiguous()
+        step_stride, batch_stride, _ = grad_spikes.stride()
+        model = native_model(neuron)
+        assert model is not None
+        self._model_back(
+            ctypes.byref(
+                structures.ModelBack(
+                    steps,
+                    batch,
+                    neurons,
+                    _threads(16 * current.numel()),
+                    ctypes.pointer(model),
+                    before.data_ptr(),
+                    current.data_ptr(),
+                    grad_spikes.data_ptr(),
+                    step_stride,
+                    batch_stride,
+                    grad_state.data_ptr(),
+                    grad_current.data_ptr(),
                 )
             )
         )
@@ -349,7 +393,11 @@ def _floats(shape: Sequence[int]) -> Tensor:
 
 
 def window_arguments(
-    shape: Sequence[int], drives: Sequence[Drive], recurrent: Packed | None, neuron: LIF, threshold: Tensor
+    shape: Sequence[int],
+    drives: Sequence[Drive],
+    recurrent: Packed | None,
+    neuron: Neuron,
+    threshold: Tensor | None,
 ) -> structures.Window:
     """Return what the kernels need to know of a layer's window (steps, batch, neurons), but for what it writes.
 
@@ -367,18 +415,23 @@ def window_arguments(
             for drive in drives
         )
     )
-    return structures.Window(
+    window = structures.Window(
         steps=steps,
         batch=batch,
         neurons=neurons,
         projections=len(drives),
         projection=projections,
         recurrent=structures.Weights() if recurrent is None else _weights(recurrent),
-        threshold=threshold.data_ptr(),
-        threshold_stride=int(threshold.numel() > 1),
-        decay=neuron.decay,
-        rectify=neuron.rectify,
     )
+    if isinstance(neuron, LIF):
+        assert threshold is not None
+        window.threshold, window.threshold_stride = threshold.data_ptr(), int(threshold.numel() > 1)
+        window.decay, window.rectify = neuron.decay, neuron.rectify
+    else:
+        model = native_model(neuron)
+        assert model is not None
+        window.model = ctypes.pointer(model)
+    return window
 
 
 def _weights(packed: Packed) -> structures.Weights:

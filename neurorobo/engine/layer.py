@@ -7,12 +7,14 @@ import torch
 from torch import Tensor, nn
 from torch.autograd import forward_ad
 
-from neurorobo.engine.checked import CheckedWeights, check_spikes
+from neurorobo.engine.checked import CheckedWeights, check_spikes, is_finite
 from neurorobo.engine.events import Population, is_native, run_events
 from neurorobo.engine.kernels import Kernels, kernels
+from neurorobo.engine.models import is_on_native_path, native_model
 from neurorobo.engine.prepared import Prepared, Stage, prepare
 from neurorobo.engine.window import check_potential, run_checked, run_steps
 from neurorobo.neurons import LIF, Neuron
+from neurorobo.neurons.soft_unit import SoftUnit
 from neurorobo.synapses import Dense, FanIn, Projection
 
 LEAST_THRESHOLD = 0.05
@@ -27,7 +29,8 @@ class Layer(nn.Module):
 
     The layer holds parameters only; its state is given and returned. It is the potential (batch, neurons) of
     :class:`LIF` neurons, and of others what their model says, with the last spikes behind it if the layer is recurrent.
-    The thresholds of LIF neurons can be trained, one per neuron.
+    The thresholds of LIF neurons can be trained, one per neuron. What projections read are spikes, and numbers of those
+    that are ``graded``.
     """
 
     _run_apart: ClassVar[Callable[..., Any] | None] = None
@@ -71,6 +74,19 @@ class Layer(nn.Module):
             state = torch.cat([state, state.new_zeros(batch, self.neurons)], dim=1)
         return state
 
+    def fired(self, state: Tensor) -> Tensor:
+        """Return who fired last, 0 or 1 (batch, neurons), without gradients; a ValueError if a state does not tell.
+
+        Those of LIF neurons and of recurrent layers do.
+        """
+        state, neuron = state.detach(), self.neuron
+        if type(neuron) is LIF:
+            threshold = neuron.threshold if self.threshold is None else self.threshold.detach()
+            return (state >= threshold).to(state.dtype)
+        if self.recurrent is None:
+            raise ValueError(f"the state of {type(neuron).__name__} neurons that are not recurrent tells not who fired")
+        return state[:, -self.neurons :]
+
     @torch.no_grad()
     def constrain(self) -> None:
         """Keep trained thresholds positive; the trainer calls this after each step."""
@@ -95,8 +111,7 @@ class Layer(nn.Module):
     def _run(self, inputs: Sequence[Tensor], state: Tensor | None) -> tuple[Tensor, Tensor]:
         refuse_transforms()
         projections: list[nn.Module] = list(self.projections._modules.values())
-        neuron = self.neuron
-        if type(neuron) is LIF and not torch.is_grad_enabled() and (native := kernels()) is not None:
+        if is_on_native_path(self.neuron) and not torch.is_grad_enabled() and (native := kernels()) is not None:
             ran = self._run_prepared(native, inputs, state)
             if ran is not None:
                 return ran
@@ -109,8 +124,8 @@ class Layer(nn.Module):
                 return self._run(inputs, state)
         if self.threshold is not None:
             self.checked.check("threshold", self.threshold)
-        if type(neuron) is LIF and (native := kernels()) is not None:
-            ran = self._run_events(native, projections, inputs, state, neuron)
+        if is_on_native_path(self.neuron) and (native := kernels()) is not None:
+            ran = self._run_events(native, projections, inputs, state)
             if ran is not None:
                 return ran
         steps, batch, _ = inputs[0].shape
@@ -130,6 +145,7 @@ class Layer(nn.Module):
         """Run on the portable path; ``first`` is the number of the first batch element, for errors."""
         current, recurrent_weight = self._current(projections, inputs, first), self._recurrent_weight()
         if type(self.neuron) is not LIF:
+            check_state(state, first)
             return run_steps(current, state, self.neuron, recurrent_weight)
         check_potential(state, current, first)
         return run_checked(current, state, self.neuron, self.threshold, recurrent_weight)
@@ -208,7 +224,10 @@ class Layer(nn.Module):
             weight: Tensor = projection.weight  # type: ignore[assignment]
             if spikes.dtype != weight.dtype:
                 raise ValueError(f"projection {number} of {weight.dtype} was given spikes of {spikes.dtype}")
-            check_spikes(spikes, first)
+            if is_graded(projection):
+                check_numbers(number, spikes, first)
+            else:
+                check_spikes(spikes, first)
             self.checked.check(f"projection {number}", weight)
         one, *others = zip(projections, inputs, strict=True)
         current: Tensor = one[0](one[1])
@@ -217,29 +236,82 @@ class Layer(nn.Module):
         return current
 
     def _run_events(
-        self, native: Kernels, projections: Sequence[nn.Module], inputs: Sequence[Tensor], state: Tensor, neuron: LIF
+        self, native: Kernels, projections: Sequence[nn.Module], inputs: Sequence[Tensor], state: Tensor
     ) -> tuple[Tensor, Tensor] | None:
         """Run on the native path; None if the tensors or the projections are not such as it takes."""
+        driving: list[Tensor] = []
         weights: list[Tensor] = []
         indices: list[Tensor | None] = []
-        for projection in projections:
+        graded: list[tuple[nn.Module, Tensor]] = []
+        for number, (projection, given) in enumerate(zip(projections, inputs, strict=True)):
             kind = type(projection)
-            if (kind is Dense or kind is FanIn) and "weight" in projection._parameters:
-                weights.append(projection.weight)  # type: ignore[arg-type]
-                indices.append(projection.source_index.contiguous() if kind is FanIn else None)  # type: ignore[operator]
-            else:
+            if (kind is not Dense and kind is not FanIn) or "weight" not in projection._parameters:
                 return None
+            weight: Tensor = projection.weight  # type: ignore[assignment]
+            if is_graded(projection):
+                check_numbers(number, given)
+                self.checked.check(f"projection {number}", weight)
+                graded.append((projection, given))
+                continue
+            driving.append(given)
+            weights.append(weight)
+            indices.append(projection.source_index.contiguous() if kind is FanIn else None)  # type: ignore[operator]
         recurrent = None
         if self.recurrent is not None:
-            if type(self.recurrent) is not Dense or "weight" not in self.recurrent._parameters:
+            # Of what is sent as numbers there are no events.
+            if type(self.recurrent) is not Dense or "weight" not in self.recurrent._parameters or self.sends_numbers:
                 return None
             recurrent = self.recurrent.weight
-        if not is_native(state, recurrent, *inputs, *weights):
+        if not is_native(state, recurrent, *inputs, *weights, *(projection.weight for projection, _ in graded)):  # type: ignore[arg-type]
             return None
-        if state.shape != (wanted := (inputs[0].shape[1], self.neurons)):
+        if state.shape != (wanted := (inputs[0].shape[1], self.carried)):
+            if type(self.neuron) is not LIF:
+                return None  # which says it of any neuron
             raise ValueError(f"the potential is of {tuple(state.shape)} (batch, neurons), the current of {wanted}")
-        population = Population(neuron, indices, self.checked)
-        return run_events(native, population, inputs, weights, state, self.threshold, recurrent)
+        current: Tensor | None = None
+        for projection, given in graded:
+            current = projection(given) if current is None else current + projection(given)
+        population = Population(self.neuron, indices, self.checked)
+        return run_events(native, population, driving, weights, state, self.threshold, recurrent, current)
+
+    @property
+    def sends_numbers(self) -> bool:
+        """Whether its neurons send numbers in place of spikes."""
+        return type(self.neuron) is SoftUnit
+
+    @property
+    def carried(self) -> int:
+        """How many numbers of each batch element the state of neurons has that the native path takes."""
+        model = native_model(self.neuron)
+        if model is None:
+            return self.neurons
+        return (model.variables + (self.recurrent is not None)) * self.neurons
+
+
+def is_graded(projection: nn.Module) -> bool:
+    """Return whether a projection reads numbers in place of spikes."""
+    return isinstance(projection, Projection) and projection.graded
+
+
+def check_numbers(projection: int, given: Tensor, first: int = 0) -> None:
+    """Raise a ValueError unless what a projection is given (steps, batch, sources) is finite.
+
+    The batch is counted from ``first`` on.
+    """
+    if not is_finite(given):
+        step, element, source = (~given.isfinite()).nonzero()[0].tolist()
+        raise ValueError(
+            f"projection {projection} reads finite numbers, got {given[step, element, source].item()} from source "
+            f"{source} (step {step}, batch element {first + element})"
+        )
+
+
+def check_state(state: Tensor, first: int = 0) -> None:
+    """Raise a ValueError unless a state (batch, variables) is finite; the batch is counted from ``first`` on."""
+    if not is_finite(state):
+        place = (~state.isfinite()).nonzero()[0].tolist()
+        value = state[tuple(place)].item()
+        raise ValueError(f"a potential is a finite number, got {value} at {[place[0] + first, *place[1:]]}")
 
 
 def check_agreement(inputs: Sequence[Tensor]) -> None:

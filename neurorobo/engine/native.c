@@ -26,6 +26,8 @@
 #include <immintrin.h>
 #endif
 
+#include "models.h"
+
 #if __BYTE_ORDER__ != __ORDER_LITTLE_ENDIAN__
 #error "words of bits are written by bytes, the lowest first"
 #endif
@@ -59,8 +61,6 @@ typedef int16_t shorts __attribute__((vector_size(VECTOR_BYTES), aligned(2), may
 typedef uint16_t wrapping_shorts __attribute__((vector_size(VECTOR_BYTES), aligned(2), may_alias)); /* may overflow */
 typedef int32_t integers __attribute__((vector_size(VECTOR_BYTES), aligned(4), may_alias));
 typedef uint32_t wrapping_integers __attribute__((vector_size(VECTOR_BYTES), aligned(4), may_alias));
-
-#define INLINE static inline __attribute__((always_inline))
 
 static int64_t least(int64_t a, int64_t b) { return a < b ? a : b; }
 static int64_t pieces(int64_t whole, int64_t piece) { return (whole + piece - 1) / piece; }
@@ -452,7 +452,15 @@ typedef struct {
     float *spikes;     /* (steps, batch, neurons), or NULL */
     float *potentials; /* (steps, batch, neurons), or NULL; may be the current */
     float *last;       /* (batch, neurons): the potential before, then after */
+    const model *model; /* of neurons that are not LIF, or NULL; their `last` is (batch, carried): all variables, and of
+                           a recurrent layer what it fired; their `potentials` are what they heard */
+    float *before;      /* (steps, batch, variables, neurons): their state before each step, or NULL */
 } window;
+
+static int64_t carried(const window *w) {
+    if (!w->model) return w->neurons;
+    return (w->model->variables + (w->recurrent.memory != NULL)) * w->neurons;
+}
 
 typedef struct {
     const window *window;
@@ -532,6 +540,29 @@ INLINE void scan_of(const window *w, const block *k, const float *sums, const fl
     }
 }
 
+/* The same with neurons of another model. */
+static void scan_model(const window *w, const block *k, const float *sums, int64_t first, int64_t count) {
+    const model *m = w->model;
+    float sent[TILE] = {0};
+    int64_t row_words = pieces(w->neurons, WORD), width = carried(w);
+    size_t bytes = (size_t)count * sizeof(float);
+    for (int64_t g = 0; g < k->elements; g++) {
+        float *state = w->last + (k->element + g) * width + first;
+        for (int64_t c = 0; c < k->steps; c++) {
+            const float *current = sums + (c * k->elements + g) * TILE;
+            int64_t row = (k->step + c) * w->batch + k->element + g, at = row * w->neurons + first;
+            if (w->before)
+                for (int64_t v = 0; v < m->variables; v++)
+                    memcpy(w->before + (row * m->variables + v) * w->neurons + first, state + v * w->neurons, bytes);
+            step_model(m, current, state, w->neurons, count, sent);
+            if (w->spikes) memcpy(w->spikes + at, sent, bytes);
+            if (w->fired) write_bits(sent, w->fired + (row + w->batch) * row_words, w->neurons, first);
+            if (w->potentials) memcpy(w->potentials + at, current, bytes);
+        }
+        if (w->recurrent.memory) memcpy(state + m->variables * w->neurons, sent, bytes);
+    }
+}
+
 /* Add the currents of all sources of a tile's neurons, from `first` on, to the sums of the rows. */
 static void add_dense(float *sums, int64_t rows, const uint64_t *const *words, int64_t sources, const weights *from,
                       int64_t first, int64_t count, int cold) {
@@ -572,6 +603,10 @@ static void run_block(const window *w, const block *k, int64_t tile, const float
     if (w->recurrent.memory) { /* row t of `fired` is of the step before */
         for (int64_t r = 0; r < rows; r++) words[r] = w->fired + row_of(w, k, r) * pieces(w->neurons, WORD);
         add_dense(sums, rows, words, w->neurons, &w->recurrent, first, count, cold);
+    }
+    if (w->model) {
+        scan_model(w, k, sums, first, count);
+        return;
     }
     if (w->threshold_stride)
         memcpy(threshold, w->threshold + first, (size_t)count * sizeof(float));
@@ -615,7 +650,8 @@ static void run_item(const void *arguments, int64_t item, int64_t worker) {
 int64_t neurorobo_run_window(const window *w) {
     if (w->projections > MOST_PROJECTIONS) return 2;
     int bad = 0;
-    for (int64_t i = 0; i < w->batch * w->neurons; i++) bad |= w->last[i] - w->last[i] != 0;
+    int64_t width = carried(w), numbers = w->batch * width;
+    for (int64_t i = 0; i < numbers; i++) bad |= w->last[i] - w->last[i] != 0;
     if (bad) return 3;
     division d = {.window = w, .tiles = 1};
     for (int64_t p = 0; p < w->projections; p++)
@@ -629,7 +665,8 @@ int64_t neurorobo_run_window(const window *w) {
             for (int64_t n = 0; n < w->neurons; n++) {
                 uint64_t *word = w->fired + b * row_words + n / WORD;
                 if (n % WORD == 0) *word = 0;
-                uint64_t fires = w->last[b * w->neurons + n] >= w->threshold[n * w->threshold_stride];
+                const float *last = w->last + b * width + n;
+                uint64_t fires = w->model ? last[width - w->neurons] == 1.0f : *last >= w->threshold[n * w->threshold_stride];
                 *word |= fires << (n % WORD);
             }
     int64_t items = pieces(w->batch, d.group) * (d.tiles == all ? 1 : all);
@@ -687,6 +724,16 @@ static void join(const population *piece, int64_t count, const population *whole
     }
 }
 
+/* Put a layer's neurons to rest. */
+static void rest(const window *w) {
+    int64_t width = carried(w);
+    memset(w->last, 0, (size_t)(w->batch * width) * sizeof(float));
+    for (int64_t v = 0; w->model && v < w->model->variables; v++)
+        for (int64_t b = 0; b < w->batch; b++)
+            for (int64_t i = 0; i < w->neurons; i++)
+                w->last[b * width + v * w->neurons + i] = (float)w->model->rest[v];
+}
+
 /* Run a circuit through a window. Returns 0, what neurorobo_run_window does if one of its layers fails, 4 if an input
  * holds anything but spikes, or 5 if a projection's sources fire so often that it had better be run elsewhere. */
 int64_t neurorobo_run_circuit(const circuit *c) {
@@ -709,7 +756,7 @@ int64_t neurorobo_run_circuit(const circuit *c) {
             if (events > reading->most) return 5;
             work += events * w->neurons;
         }
-        if (s->from_rest) memset(w->last, 0, (size_t)(batch * w->neurons) * sizeof(float));
+        if (s->from_rest) rest(w);
         w->threads = work >= c->least_work ? c->threads : 1;
         int64_t failed = neurorobo_run_window(w);
         if (failed) return failed;
@@ -718,8 +765,6 @@ int64_t neurorobo_run_circuit(const circuit *c) {
 }
 
 /* ---- The scan on the way back ---- */
-
-enum shape { RECTANGULAR, TRIANGULAR, ARCTAN, FAST_SIGMOID };
 
 typedef struct {
     int64_t steps, batch, neurons, threads;
@@ -738,22 +783,6 @@ typedef struct {
     float *grad_current;   /* (steps, batch, neurons) */
     float *grad_threshold; /* (batch, neurons) that is added to, or NULL */
 } scan_back;
-
-INLINE float derivative(float distance, float width, const enum shape shape) {
-    float away = distance < 0 ? -distance : distance, half = width / 2;
-    if (shape == RECTANGULAR) return (away < half ? 1.0f : 0.0f) / width;
-    if (shape == TRIANGULAR) {
-        float height = 1.0f - away / width;
-        return (height < 0 ? 0.0f : height) / width;
-    }
-    if (shape == ARCTAN) {
-        float scaled = distance / half;
-        return 1.0f / (scaled * scaled + 1.0f) * (float)(1 / (3.14159265358979323846 * (double)half));
-    }
-    float scale = 0.41421356237309504880f / half; /* sqrt(2) - 1 */
-    float below = away * scale + 1.0f;
-    return 1.0f / (below * below) * (scale / 2);
-}
 
 INLINE void scan_back_of(const scan_back *k, int64_t b, int64_t first, int64_t count, const enum shape shape) {
     float later[COLUMNS], threshold[COLUMNS], grad_threshold[COLUMNS] = {0};
@@ -798,6 +827,50 @@ static void scan_back_item(const void *arguments, int64_t item, int64_t worker) 
 /* Write the gradient of the currents of a window, or of some steps of it. */
 void neurorobo_scan_back(const scan_back *k) {
     share(scan_back_item, k, k->batch * pieces(k->neurons, COLUMNS), k->threads);
+}
+
+/* ---- The way back through neurons of other models ---- */
+
+typedef struct {
+    int64_t steps, batch, neurons, threads;
+    const model *model;
+    const float *before;      /* (steps, batch, variables, neurons): the state before each step */
+    const float *current;     /* (steps, batch, neurons): all that they heard */
+    const float *grad_sent;   /* (steps, batch, neurons), with these strides */
+    int64_t step_stride, batch_stride;
+    float *grad_state;        /* (batch, variables, neurons): of the state after the window, then of that before it */
+    float *grad_current;      /* (steps, batch, neurons) */
+} model_back;
+
+static void model_back_item(const void *arguments, int64_t item, int64_t worker) {
+    const model_back *k = arguments;
+    int64_t parts = pieces(k->neurons, ABREAST), first = item % parts * ABREAST, b = item / parts;
+    int64_t count = least(ABREAST, k->neurons - first), variables = k->model->variables;
+    size_t bytes = (size_t)count * sizeof(float);
+    float before[MOST_VARIABLES][ABREAST] = {{0}}, grad[MOST_VARIABLES][ABREAST] = {{0}};
+    (void)worker;
+    for (int64_t v = 0; v < variables; v++)
+        memcpy(grad[v], k->grad_state + (b * variables + v) * k->neurons + first, bytes);
+    for (int64_t t = k->steps - 1; t >= 0; t--) {
+        int64_t row = t * k->batch + b, at = row * k->neurons + first;
+        const float *sent = k->grad_sent + t * k->step_stride + b * k->batch_stride + first, *now = k->current + at;
+        float *into = k->grad_current + at;
+        for (int64_t v = 0; v < variables; v++)
+            memcpy(before[v], k->before + (row * variables + v) * k->neurons + first, bytes);
+        switch (k->model->kind) {
+        case GENERALIZED_LIF: back_generalized_lif(k->model, now, before, sent, grad, count, into); break;
+        case IZHIKEVICH: back_izhikevich(k->model, now, before, sent, grad, count, into); break;
+        case ADEX: back_adex(k->model, now, before, sent, grad, count, into); break;
+        default: back_soft_unit(k->model, now, before, sent, grad, count, into); break;
+        }
+    }
+    for (int64_t v = 0; v < variables; v++)
+        memcpy(k->grad_state + (b * variables + v) * k->neurons + first, grad[v], bytes);
+}
+
+/* Write the gradients of the currents of a window, or of some steps of it, and of the state before. */
+void neurorobo_model_back(const model_back *k) {
+    share(model_back_item, k, k->batch * pieces(k->neurons, ABREAST), k->threads);
 }
 
 /* ---- Weight gradients ---- */

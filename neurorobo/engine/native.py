@@ -26,6 +26,9 @@ LIBRARIES_VARIABLE = "NEUROROBO_LIBRARIES"
 
 FOLDER = Path(__file__).parent
 
+SOURCES = ("native.c", "models.h")
+"""What a library is built from; `setup.py` has the same."""
+
 
 @dataclass(frozen=True)
 class EnginePath:
@@ -103,7 +106,12 @@ def _load(instructions: str) -> tuple[ctypes.CDLL | None, str | None]:
         built_from = loaded.neurorobo_source().decode()
     except (OSError, AttributeError) as error:
         return None, f"{file.name} cannot be loaded ({error}); install neurorobo again"
-    source = FOLDER / "native.c"
-    if source.exists() and built_from != hashlib.sha256(source.read_bytes()).hexdigest()[:16]:
-        return None, f"{file.name} was built from another version of {source.name}; install neurorobo again"
+    sources = [FOLDER / name for name in SOURCES]
+    if all(source.exists() for source in sources):
+        now = hashlib.sha256(b"".join(source.read_bytes() for source in sources)).hexdigest()[:16]
+        if built_from != now:
+            return (
+                None,
+                f"{file.name} was built from another version of {' and '.join(SOURCES)}; install neurorobo again",
+            )
     return loaded, None

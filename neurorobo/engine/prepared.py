@@ -16,8 +16,9 @@ from neurorobo.engine.checked import Seen
 from neurorobo.engine.events import is_native, most_events, number_tensor
 from neurorobo.engine.fired import Fired
 from neurorobo.engine.kernels import TOO_DENSE, Drive, Events, Kernels, Packed, empty_words, window_arguments
-from neurorobo.neurons import LIF
-from neurorobo.synapses import Dense, FanIn
+from neurorobo.engine.models import is_on_native_path
+from neurorobo.neurons import LIF, Neuron
+from neurorobo.synapses import Dense, FanIn, Projection
 
 if TYPE_CHECKING:
     from neurorobo.engine.layer import Layer
@@ -51,7 +52,7 @@ class _Parts(NamedTuple):
     """What a layer is made of."""
 
     layer: "Layer"
-    neuron: LIF
+    neuron: Neuron
     projections: Sequence[nn.Module]
     recurrent: nn.Module | None
 
@@ -89,7 +90,7 @@ class PreparedCircuit:
         self._stages = [circuit.stage[number] for number in range(circuit.stages)]
         self._windows = [stage.window for stage in self._stages]
         self._shapes = [(steps, batch, window.neurons) for window in self._windows]
-        self._lasts = [torch.empty(shape[1:], dtype=torch.float32, device="cpu") for shape in self._shapes]
+        self._lasts = [torch.empty(batch, part.layer.carried, dtype=torch.float32, device="cpu") for part in parts]
         self._pause = 0
 
     def fits(self, native: Kernels, inputs: Sequence[Tensor], states: Sequence[Tensor | None]) -> bool:
@@ -98,8 +99,8 @@ class PreparedCircuit:
             return False
         if [spikes.shape for spikes in inputs] != self._input_shapes:
             return False
-        for shape, state in zip(self._shapes, states, strict=True):
-            if state is not None and state.shape != shape[1:]:
+        for last, state in zip(self._lasts, states, strict=True):
+            if state is not None and state.shape != last.shape:
                 return False
         for parts in self._parts:
             if not parts.are_still():
@@ -180,7 +181,7 @@ def prepare(
     if rows * sum(size // 64 + 1 for size in sizes) > MOST_WORDS:
         return None
     for layer, state in zip(layers, states, strict=True):
-        if state is not None and state.shape != (batch, layer.neurons):
+        if layer.sends_numbers or (state is not None and state.shape != (batch, layer.carried)):
             return None
     words = [empty_words(steps, batch, size) for size in sizes[: len(inputs)]]
     words += [empty_words(steps + 1, batch, size) for size in sizes[len(inputs) :]]
@@ -198,7 +199,7 @@ def prepare(
         neuron, projections = stage.layer.neuron, list(stage.layer.projections)
         recurrent = stage.layer._modules.get("recurrent")
         weights = _weights(native, stage.layer, projections, recurrent, held)
-        if weights is None or type(neuron) is not LIF or len(projections) != len(stage.reads):
+        if weights is None or not is_on_native_path(neuron) or len(projections) != len(stage.reads):
             return None
         parts.append(_Parts(stage.layer, neuron, projections, recurrent))
         readings: list[structures.Reading] = []
@@ -222,7 +223,9 @@ def prepare(
                 structures.Reading(len(pieces), (structures.Population * len(pieces))(*pieces), most),
             )
             drives.append(Drive(Events(there, sources, 0), packed, index))
-        threshold = number_tensor(neuron.threshold) if weights.threshold is None else weights.threshold
+        threshold = weights.threshold
+        if threshold is None and isinstance(neuron, LIF):
+            threshold = number_tensor(neuron.threshold)
         shape = (steps, batch, stage.layer.neurons)
         window = window_arguments(shape, drives, weights.recurrent, neuron, threshold)
         window.fired = words[len(inputs) + number].data_ptr()
@@ -266,6 +269,8 @@ def _weights(
         key = "threshold" if module is layer else "weight"
         parameter = module._parameters.get(key)
         if parameter is None or not is_native(parameter):
+            return None
+        if isinstance(module, Projection) and module.graded:
             return None
         if type(module) is Dense:
             ready[name] = checked.packed(name, parameter, native, narrow=True)

@@ -29,6 +29,91 @@ class Projection(ctypes.Structure):
     )
 
 
+Number = ctypes.c_double
+
+
+class GeneralizedLIF(ctypes.Structure):
+    """A leaky integrator, perhaps with a synaptic current and an adaptive threshold."""
+
+    _fields_ = (
+        ("threshold", Number),
+        ("decay", Number),
+        ("input_gain", Number),
+        ("synapse_decay", Number),
+        ("adaptation", Number),
+        ("adaptation_decay", Number),
+        ("has_synapse", Integer),
+        ("adapts", Integer),
+        ("subtracts", Integer),
+        ("full", Integer),
+    )
+
+
+class Izhikevich(ctypes.Structure):
+    """Izhikevich's neuron."""
+
+    _fields_ = (
+        ("b", Number),
+        ("c", Number),
+        ("d", Number),
+        ("input_gain", Number),
+        ("peak", Number),
+        ("substep", Number),
+        ("recovery", Number),
+        ("substeps", Integer),
+    )
+
+
+class AdEx(ctypes.Structure):
+    """The adaptive exponential neuron."""
+
+    _fields_ = (
+        ("rest", Number),
+        ("threshold", Number),
+        ("inverse_slope", Number),
+        ("leak", Number),
+        ("upstroke", Number),
+        ("a", Number),
+        ("b", Number),
+        ("reset", Number),
+        ("input_gain", Number),
+        ("peak", Number),
+        ("charging", Number),
+        ("recovery", Number),
+        ("substeps", Integer),
+    )
+
+
+class SoftUnit(ctypes.Structure):
+    """The soft spiking neural unit."""
+
+    _fields_ = (("threshold", Number), ("decay", Number), ("slope", Number))
+
+
+class Parameters(ctypes.Union):
+    """Those of one model."""
+
+    _fields_ = (
+        ("generalized_lif", GeneralizedLIF),
+        ("izhikevich", Izhikevich),
+        ("adex", AdEx),
+        ("soft_unit", SoftUnit),
+    )
+
+
+class Model(ctypes.Structure):
+    """A neuron that is not the iterative LIF."""
+
+    _fields_ = (
+        ("kind", Integer),
+        ("variables", Integer),
+        ("rest", Number * 3),
+        ("shape", Integer),
+        ("width", Number),
+        ("of", Parameters),
+    )
+
+
 class Window(ctypes.Structure):
     """A layer's window."""
 
@@ -49,6 +134,8 @@ class Window(ctypes.Structure):
         ("spikes", Pointer),
         ("potentials", Pointer),
         ("last", Pointer),
+        ("model", ctypes.POINTER(Model)),
+        ("before", Pointer),
     )
 
 
@@ -106,6 +193,25 @@ class ScanBack(ctypes.Structure):
         ("width", ctypes.c_double),
         ("grad_current", Pointer),
         ("grad_threshold", Pointer),
+    )
+
+
+class ModelBack(ctypes.Structure):
+    """The way back through a window of neurons that are not LIF."""
+
+    _fields_ = (
+        ("steps", Integer),
+        ("batch", Integer),
+        ("neurons", Integer),
+        ("threads", Integer),
+        ("model", ctypes.POINTER(Model)),
+        ("before", Pointer),
+        ("current", Pointer),
+        ("grad_sent", Pointer),
+        ("step_stride", Integer),
+        ("batch_stride", Integer),
+        ("grad_state", Pointer),
+        ("grad_current", Pointer),
     )
 
 

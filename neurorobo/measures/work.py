@@ -144,9 +144,4 @@ class WorkMeter:
 
 def _fired_last(layer: Layer, state: Tensor | None, like: Tensor) -> Tensor:
     """Return the spikes (batch, neurons) of the step before a window."""
-    if state is None:
-        return torch.zeros_like(like)
-    if type(layer.neuron) is not LIF:
-        return state[:, -layer.neurons :]
-    threshold = state.new_tensor(layer.neuron.threshold) if layer.threshold is None else layer.threshold
-    return (state >= threshold).to(like)
+    return torch.zeros_like(like) if state is None else layer.fired(state).to(like)

@@ -62,7 +62,7 @@ class PlasticLayer:
             spikes, after = self._scan(current.clone(), neurons, recurrent)  # its memory is given away
         spoken = spikes.detach()
         if recurrent is not None:
-            sources[RECURRENT] = torch.cat([self._fired(neurons).unsqueeze(0), spoken[:-1]])
+            sources[RECURRENT] = torch.cat([self.layer.fired(neurons).unsqueeze(0), spoken[:-1]])
             current = current + (recurrent @ sources[RECURRENT].unsqueeze(3)).squeeze(3)
         distance = self._distance(current, neurons, spoken) if self._needs_potential else None
         learned: State = {}
@@ -86,12 +86,6 @@ class PlasticLayer:
         assert isinstance(self.layer.neuron, LIF)
         return self.layer.neuron.threshold if self.layer.threshold is None else self.layer.threshold
 
-    def _fired(self, neurons: Tensor) -> Tensor:
-        """Return the last spikes (batch, neurons) of a state of LIF neurons, or of recurrent ones."""
-        if type(self.layer.neuron) is LIF:
-            return (neurons.detach() >= self._threshold()).to(neurons.dtype)
-        return neurons[:, -self.layer.neurons :].detach()
-
     def _scan(self, current: Tensor, neurons: Tensor, recurrent: Tensor | None) -> tuple[Tensor, Tensor]:
         neuron = self.layer.neuron
         if type(neuron) is LIF:
@@ -100,7 +94,7 @@ class PlasticLayer:
 
     def _run_steps(self, current: Tensor, neurons: Tensor, recurrent: Tensor) -> tuple[Tensor, Tensor]:
         """Run step by step with recurrent weights (batch, neurons, neurons)."""
-        fired, is_lif, spikes = self._fired(neurons), type(self.layer.neuron) is LIF, []
+        fired, is_lif, spikes = self.layer.fired(neurons), type(self.layer.neuron) is LIF, []
         if not is_lif:
             neurons = neurons[:, : -self.layer.neurons]
         for now in current.split(1):
@@ -117,7 +111,7 @@ class PlasticLayer:
         ``current`` is all that they heard, ``potential`` (batch, neurons) that before the window.
         """
         assert isinstance(self.layer.neuron, LIF)
-        before = torch.cat([self._fired(potential).unsqueeze(0), spikes[:-1]])
+        before = torch.cat([self.layer.fired(potential).unsqueeze(0), spikes[:-1]])
         potentials = []
         for now, left in zip(current, self.layer.neuron.decay * (1 - before), strict=True):
             potential = torch.addcmul(now, potential, left)

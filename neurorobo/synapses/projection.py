@@ -17,10 +17,12 @@ MOST_SYNAPSES = 2**31
 class Projection(nn.Module, ABC):
     """A matrix of synaptic weights from ``sources`` to ``targets``, whose signs may be fixed by Dale's law.
 
-    ``weight`` is the trainable tensor; ``matrix()`` is the full (targets, sources) matrix it stands for.
+    ``weight`` is the trainable tensor; ``matrix()`` is the full (targets, sources) matrix it stands for. What it reads
+    are spikes, or, if it is set ``graded``, the numbers that soft units send.
     """
 
     weight: nn.Parameter
+    graded: bool = False
 
     def __init__(self, sources: int, targets: int, sign: Sign | None) -> None:
         super().__init__()

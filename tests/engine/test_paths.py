@@ -69,11 +69,13 @@ def test_a_library_of_another_version_is_not_used(no_libraries: Path) -> None:
     with engine(""):
         assert engine_path().name == "native"  # no source to compare with, as in an installation
     native._load.cache_clear()
-    source = Path(native.__file__).with_name("native.c").read_text()
-    (no_libraries / "native.c").write_text(source + "/* changed */\n")
+    for name in native.SOURCES:
+        shutil.copy(Path(native.__file__).with_name(name), no_libraries)
+    with (no_libraries / native.SOURCES[-1]).open("a") as source:
+        source.write("/* changed */\n")
     with engine(""):
         assert engine_path().name == "portable"
-        assert "was built from another version of native.c" in engine_path().reason
+        assert "was built from another version of native.c and models.h" in engine_path().reason
 
 
 @needs_native()
