@@ -285,7 +285,8 @@ class Layer(nn.Module):
         model = native_model(self.neuron)
         if model is None:
             return self.neurons
-        return (model.variables + (self.recurrent is not None)) * self.neurons
+        variables: int = model.variables
+        return (variables + (self.recurrent is not None)) * self.neurons
 
 
 def is_graded(projection: nn.Module) -> bool:

@@ -11,7 +11,6 @@ from torch import Tensor, nn
 
 from neurorobo.engine import Layer
 from neurorobo.measures.connections import Connections, biases, circuits, connections, fan_out, layers
-from neurorobo.neurons import LIF
 from neurorobo.regions.plastic import Plastic
 from neurorobo.regions.region import Region
 from neurorobo.synapses import Projection
