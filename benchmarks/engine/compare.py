@@ -32,7 +32,7 @@ from timing import LEAST_ROUNDS, Contestant, contest, peak_MB
 from torch import Tensor
 
 import neurorobo
-from neurorobo.engine import engine_path
+from neurorobo.engine import engine_path, native
 from neurorobo.synapses.product import linear
 
 sys.path.append(str(Path(__file__).resolve().parents[1]))
@@ -242,7 +242,8 @@ def publish(found: dict[str, Any]) -> None:
 def engine() -> dict[str, str]:
     """Return what tells one engine from another: its version, and a hash of all its source."""
     folder = ROOT / "neurorobo" / "engine"
-    files = sorted([*folder.glob("*.py"), folder / "native.c", folder / "models.h", ROOT / "neurorobo" / "synapses" / "product.py"])
+    sources = [folder / name for name in native.SOURCES]
+    files = sorted([*folder.glob("*.py"), *sources, ROOT / "neurorobo" / "synapses" / "product.py"])
     source = hashlib.sha256(b"\0".join(file.read_bytes() for file in files)).hexdigest()
     return {"version": neurorobo.__version__, "source": source[:16]}
 

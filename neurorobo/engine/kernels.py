@@ -283,9 +283,9 @@ class Kernels:
     ) -> None:
         """Write ``grad_current`` (steps, batch, neurons) of neurons other than LIF.
 
-        ``grad_spikes`` are of any strides. ``before`` (steps, batch, variables, neurons) and ``current`` (steps, batch, neurons) are what
-        :meth:`run_window` wrote. ``grad_state`` (batch, variables x neurons) is that of the state after these steps and
-        becomes that of the state before them.
+        ``grad_spikes`` are of any strides. ``before`` (steps, batch, variables, neurons) and ``current`` (steps, batch,
+        neurons) are what :meth:`run_window` wrote. ``grad_state`` (batch, variables x neurons) is that of the state
+        after these steps and becomes that of the state before them.
         """
         steps, batch, neurons = current.shape
         if neurons > 1 and grad_spikes.stride(2) != 1:

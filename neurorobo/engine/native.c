@@ -541,7 +541,7 @@ INLINE void scan_of(const window *w, const block *k, const float *sums, const fl
 }
 
 /* The same with neurons of another model. */
-static void scan_model(const window *w, const block *k, const float *sums, int64_t first, int64_t count) {
+static __attribute__((noinline)) void scan_model(const window *w, const block *k, const float *sums, int64_t first, int64_t count) {
     const model *m = w->model;
     float sent[TILE] = {0};
     int64_t row_words = pieces(w->neurons, WORD), width = carried(w);
