@@ -149,6 +149,24 @@ Duration = Annotated[int, _DurationText()]
 """A field of integer nanoseconds, written ``200 ms``; never negative."""
 
 
+class _UnitText:
+    """A validator of Pydantic's."""
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: "GetCoreSchemaHandler") -> "CoreSchema":
+        from pydantic_core import core_schema
+
+        return core_schema.no_info_after_validator_function(_known, handler(source))
+
+
+def _known(unit: str) -> str:
+    same_unit(unit, unit)
+    return unit
+
+
+KnownUnit = Annotated[str, _UnitText()]
+"""A field of a configuration that names a unit; one that there is not is refused."""
+
+
 def parse_quantity(text: str, unit: str) -> float:
     """Return ``text`` as a number of ``unit``; a UnitError if it is no quantity, or has no unit or another dimension.
 

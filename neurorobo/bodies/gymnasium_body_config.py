@@ -4,12 +4,12 @@ from collections.abc import Iterable, Mapping
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from neurorobo.bodies.body import Actuator, BodyConfig, Sensor
 from neurorobo.bodies.gymnasium_spaces import Bounds, Spaces, spaces
 from neurorobo.errors import NeuroroboError
-from neurorobo.units import parse_interval, same_unit
+from neurorobo.units import KnownUnit, parse_interval
 
 Elements = tuple[Annotated[int, Field(ge=0)], ...]
 
@@ -19,16 +19,10 @@ class EnvironmentChannel(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    unit: str = Field(default="1", description="The unit of the environment's numbers, such as N*m.")
+    unit: KnownUnit = Field(default="1", description="The unit of the environment's numbers, such as N*m.")
     elements: Annotated[Elements, Field(min_length=1)] | None = Field(
         default=None, description="Which elements of the vector, from 0 on; all if left out."
     )
-
-    @field_validator("unit")
-    @classmethod
-    def _known(cls, unit: str) -> str:
-        same_unit(unit, unit)
-        return unit
 
     def indices(self, bounds: Bounds) -> list[int]:
         """Return the elements, of those there are."""

@@ -8,9 +8,8 @@ from neurorobo.clock import Clock
 from neurorobo.codes.population_signed import PopulationSigned
 from neurorobo.regions.config import RegionConfig
 from neurorobo.regions.feedforward_config import Quantity
-from neurorobo.regions.known_unit import KnownUnit
 from neurorobo.regions.port import Port
-from neurorobo.units import format_quantity, parse_quantity
+from neurorobo.units import KnownUnit, format_quantity, parse_quantity
 
 
 class _DeltaConfig(RegionConfig):

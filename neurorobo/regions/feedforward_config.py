@@ -2,7 +2,7 @@
 
 from typing import Annotated, ClassVar, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, field_validator
+from pydantic import BeforeValidator, Field, ValidationInfo, field_validator
 
 from neurorobo.clock import Clock
 from neurorobo.codes import CodeConfig
@@ -12,39 +12,22 @@ from neurorobo.neurons.config import LIFConfig
 from neurorobo.plugged_field import Plugged
 from neurorobo.regions.config import RegionConfig
 from neurorobo.regions.port import Port
-from neurorobo.units import format_quantity, parse_interval, parse_quantity, same_unit
+from neurorobo.regions.ranged_port import RangedPort
+from neurorobo.units import format_quantity, parse_quantity
 
 Quantity = Annotated[
     str, BeforeValidator(lambda value: str(value) if type(value) in (int, float) else value)
 ]  # of a unit that another key names, so that it is text
 
 
-class CodedPort(BaseModel):
+class CodedPort(RangedPort):
     """A quantity that goes in or comes out as spikes."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True)
-
-    unit: str = Field(description="The unit of the quantity, such as um/s.")
-    width: int = Field(default=1, ge=1, description="The number of components.")
     range: str = Field(description="The values that the code can tell apart, such as 0..100 um/s.")
     code: Annotated[CodeConfig, Plugged("code")] = PopulationUniformConfig()
     initial: Quantity | None = Field(
         default=None, description="The value of an input, in all components, before its source has spoken."
     )
-
-    @field_validator("unit")
-    @classmethod
-    def _known(cls, unit: str) -> str:
-        same_unit(unit, unit)
-        return unit
-
-    @field_validator("range")
-    @classmethod
-    def _in_unit(cls, text: str, info: ValidationInfo) -> str:
-        if (unit := info.data.get("unit")) is None:
-            return text
-        interval = parse_interval(text, unit)
-        return f"{format_quantity(interval.lo, '1')}..{format_quantity(interval.hi, unit)}"
 
     @field_validator("initial")
     @classmethod
@@ -54,7 +37,7 @@ class CodedPort(BaseModel):
 
     def port(self) -> Port:
         """Return the port; a ValueError if the code cannot be."""
-        interval = parse_interval(self.range, self.unit)
+        interval = self.interval
         initial = None if self.initial is None else (parse_quantity(self.initial, self.unit),) * self.width
         return Port(self.unit, self.width, self.code.build(interval.lo, interval.hi), initial)
 

@@ -2,12 +2,11 @@
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 
-from neurorobo.regions.known_unit import KnownUnit
-from neurorobo.units import Interval, format_quantity, parse_interval
+from neurorobo.units import Interval, KnownUnit, format_quantity, parse_interval
 
 
 class RangedPort(BaseModel):
-    """A quantity that goes in or comes out as numbers."""
+    """A quantity that goes in or comes out, in a range."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 

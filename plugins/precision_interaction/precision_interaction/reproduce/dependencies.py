@@ -8,11 +8,11 @@ from functools import cache
 from importlib.util import find_spec
 from pathlib import Path
 
+from neurorobo.engine import native
 from neurorobo.plugins import Registry
 from neurorobo.plugins.registry import KINDS
 
 PACKAGES = ("neurorobo", "precision_interaction")
-NATIVE = "neurorobo.engine.native"
 
 
 def fingerprint(
@@ -61,14 +61,18 @@ def _needs(module: str) -> tuple[str, ...]:
     """Return the modules of `PACKAGES` that a module names in its imports, wherever they stand, and in its strings.
 
     Strings such as ``"rig.contact:Contact"``, with the package or without, are how plugins name what comes late, and
-    ``"precision.law"`` is how YAML names what a plugin registers. A plugin's own list of what it registers is no need.
+    ``"precision.law"`` is how YAML names what a plugin registers. What a docstring mentions is no need, nor is a
+    plugin's own list of what it registers.
     """
     source = _source(module)
     return () if source is None else tuple(dict.fromkeys(_named(ast.parse(source.read_bytes()))))
 
 
 def _named(tree: ast.AST) -> Iterator[str]:
+    said = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
     for node in ast.walk(tree):
+        if id(node) in said:
+            continue
         candidates: list[str] = []
         if isinstance(node, ast.Import):
             candidates = [alias.name for alias in node.names]
@@ -102,8 +106,8 @@ def _registered() -> Mapping[str, tuple[str, ...]]:
 def _content(module: str) -> bytes:
     source = _source(module)
     assert source is not None
-    beside = source.with_suffix(".c").read_bytes() if module == NATIVE else b""
-    return source.read_bytes() + beside
+    beside = [source.with_name(name) for name in native.SOURCES] if module == native.__name__ else []
+    return b"".join(file.read_bytes() for file in (source, *beside))
 
 
 @cache
