@@ -10,11 +10,10 @@ from torch.autograd import forward_ad
 from neurorobo.engine.checked import CheckedWeights, check_spikes, is_finite
 from neurorobo.engine.events import Population, is_native, run_events
 from neurorobo.engine.kernels import Kernels, kernels
-from neurorobo.engine.models import is_on_native_path, native_model
+from neurorobo.engine.models import carried, is_on_native_path
 from neurorobo.engine.prepared import Prepared, Stage, prepare
 from neurorobo.engine.window import check_potential, run_checked, run_steps
 from neurorobo.neurons import LIF, Neuron
-from neurorobo.neurons.soft_unit import SoftUnit
 from neurorobo.synapses import Dense, FanIn, Projection
 
 LEAST_THRESHOLD = 0.05
@@ -74,6 +73,11 @@ class Layer(nn.Module):
             state = torch.cat([state, state.new_zeros(batch, self.neurons)], dim=1)
         return state
 
+    @property
+    def is_on_native_path(self) -> bool:
+        """Whether the kernels have its neurons."""
+        return is_on_native_path(self.neuron, recurrent=self.recurrent is not None)
+
     def fired(self, state: Tensor) -> Tensor:
         """Return who fired last, 0 or 1 (batch, neurons), without gradients; a ValueError if a state does not tell.
 
@@ -111,7 +115,7 @@ class Layer(nn.Module):
     def _run(self, inputs: Sequence[Tensor], state: Tensor | None) -> tuple[Tensor, Tensor]:
         refuse_transforms()
         projections: list[nn.Module] = list(self.projections._modules.values())
-        if is_on_native_path(self.neuron) and not torch.is_grad_enabled() and (native := kernels()) is not None:
+        if self.is_on_native_path and not torch.is_grad_enabled() and (native := kernels()) is not None:
             ran = self._run_prepared(native, inputs, state)
             if ran is not None:
                 return ran
@@ -124,7 +128,7 @@ class Layer(nn.Module):
                 return self._run(inputs, state)
         if self.threshold is not None:
             self.checked.check("threshold", self.threshold)
-        if is_on_native_path(self.neuron) and (native := kernels()) is not None:
+        if self.is_on_native_path and (native := kernels()) is not None:
             ran = self._run_events(native, projections, inputs, state)
             if ran is not None:
                 return ran
@@ -258,13 +262,13 @@ class Layer(nn.Module):
             indices.append(projection.source_index.contiguous() if kind is FanIn else None)  # type: ignore[operator]
         recurrent = None
         if self.recurrent is not None:
-            # Of what is sent as numbers there are no events.
-            if type(self.recurrent) is not Dense or "weight" not in self.recurrent._parameters or self.sends_numbers:
+            if type(self.recurrent) is not Dense or "weight" not in self.recurrent._parameters:
                 return None
             recurrent = self.recurrent.weight
         if not is_native(state, recurrent, *inputs, *weights, *(projection.weight for projection, _ in graded)):  # type: ignore[arg-type]
             return None
-        if state.shape != (wanted := (inputs[0].shape[1], self.carried)):
+        wanted = inputs[0].shape[1], carried(self.neuron, self.neurons, recurrent=self.recurrent is not None)
+        if state.shape != wanted:
             if type(self.neuron) is not LIF:
                 return None  # which says it of any neuron
             raise ValueError(f"the potential is of {tuple(state.shape)} (batch, neurons), the current of {wanted}")
@@ -273,20 +277,6 @@ class Layer(nn.Module):
             current = projection(given) if current is None else current + projection(given)
         population = Population(self.neuron, indices, self.checked)
         return run_events(native, population, driving, weights, state, self.threshold, recurrent, current)
-
-    @property
-    def sends_numbers(self) -> bool:
-        """Whether its neurons send numbers in place of spikes."""
-        return type(self.neuron) is SoftUnit
-
-    @property
-    def carried(self) -> int:
-        """How many numbers of each batch element the state of neurons has that the native path takes."""
-        model = native_model(self.neuron)
-        if model is None:
-            return self.neurons
-        variables: int = model.variables
-        return (variables + (self.recurrent is not None)) * self.neurons
 
 
 def is_graded(projection: nn.Module) -> bool:

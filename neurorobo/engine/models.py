@@ -15,9 +15,27 @@ KINDS = (GeneralizedLIF, Izhikevich, AdEx, SoftUnit)
 """In the order of their numbers in ``models.h``."""
 
 
-def is_on_native_path(neuron: Neuron) -> bool:
-    """Return whether the kernels have a neuron."""
-    return type(neuron) is LIF or type(neuron) in KINDS
+def is_on_native_path(neuron: Neuron, *, recurrent: bool) -> bool:
+    """Return whether the kernels have a neuron, in layers that are ``recurrent`` or not.
+
+    Soft units send one another numbers, of which there are no events.
+    """
+    return type(neuron) is LIF or (type(neuron) in KINDS and not (recurrent and sends_numbers(neuron)))
+
+
+def sends_numbers(neuron: Neuron) -> bool:
+    """Return whether a neuron of the core sends numbers in place of spikes."""
+    return type(neuron) is SoftUnit
+
+
+def carried(neuron: Neuron, neurons: int, *, recurrent: bool) -> int:
+    """Return how many numbers of each batch element a state has that the kernels take."""
+    if type(neuron) is LIF:
+        return neurons
+    model = native_model(neuron)
+    assert model is not None
+    variables: int = model.variables
+    return (variables + recurrent) * neurons
 
 
 def native_model(neuron: Neuron) -> structures.Model | None:

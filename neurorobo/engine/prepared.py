@@ -16,7 +16,7 @@ from neurorobo.engine.checked import Seen
 from neurorobo.engine.events import is_native, most_events, number_tensor
 from neurorobo.engine.fired import Fired
 from neurorobo.engine.kernels import TOO_DENSE, Drive, Events, Kernels, Packed, empty_words, window_arguments
-from neurorobo.engine.models import is_on_native_path
+from neurorobo.engine.models import carried, sends_numbers
 from neurorobo.neurons import LIF, Neuron
 from neurorobo.synapses import Dense, FanIn, Projection
 
@@ -90,7 +90,7 @@ class PreparedCircuit:
         self._stages = [circuit.stage[number] for number in range(circuit.stages)]
         self._windows = [stage.window for stage in self._stages]
         self._shapes = [(steps, batch, window.neurons) for window in self._windows]
-        self._lasts = [torch.empty(batch, part.layer.carried, dtype=torch.float32, device="cpu") for part in parts]
+        self._lasts = [torch.empty(batch, _carried_by(part.layer), dtype=torch.float32, device="cpu") for part in parts]
         self._pause = 0
 
     def fits(self, native: Kernels, inputs: Sequence[Tensor], states: Sequence[Tensor | None]) -> bool:
@@ -181,7 +181,9 @@ def prepare(
     if rows * sum(size // 64 + 1 for size in sizes) > MOST_WORDS:
         return None
     for layer, state in zip(layers, states, strict=True):
-        if layer.sends_numbers or (state is not None and state.shape != (batch, layer.carried)):
+        if not layer.is_on_native_path or sends_numbers(layer.neuron):
+            return None
+        if state is not None and state.shape != (batch, _carried_by(layer)):
             return None
     words = [empty_words(steps, batch, size) for size in sizes[: len(inputs)]]
     words += [empty_words(steps + 1, batch, size) for size in sizes[len(inputs) :]]
@@ -199,7 +201,7 @@ def prepare(
         neuron, projections = stage.layer.neuron, list(stage.layer.projections)
         recurrent = stage.layer._modules.get("recurrent")
         weights = _weights(native, stage.layer, projections, recurrent, held)
-        if weights is None or not is_on_native_path(neuron) or len(projections) != len(stage.reads):
+        if weights is None or len(projections) != len(stage.reads):
             return None
         parts.append(_Parts(stage.layer, neuron, projections, recurrent))
         readings: list[structures.Reading] = []
@@ -236,6 +238,10 @@ def prepare(
         len(given), (structures.Input * len(given))(*given), len(ready), (structures.Stage * len(ready))(*ready)
     )
     return PreparedCircuit(native, (steps, batch), sizes[: len(inputs)], parts, held, circuit, fired, memory)
+
+
+def _carried_by(layer: "Layer") -> int:
+    return carried(layer.neuron, layer.neurons, recurrent=layer._modules.get("recurrent") is not None)
 
 
 class _Weights(NamedTuple):

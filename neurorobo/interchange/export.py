@@ -19,6 +19,7 @@ from neurorobo.interchange.library import nir
 from neurorobo.interchange.neurons import STEP_S, Membrane, shortest, to_node
 from neurorobo.interchange.wiring import INPUT, Wiring, wiring_of
 from neurorobo.neurons import LIF
+from neurorobo.neurons.generalized_lif import GeneralizedLIF
 from neurorobo.plugins import Registry
 from neurorobo.regions import Port
 from neurorobo.regions.region import Region
@@ -105,6 +106,8 @@ def _needed(wiring: Wiring, last: str) -> list[str]:
 
 def _membrane(name: str, layer: Layer, *, ties_fire: bool) -> Membrane:
     neuron = layer.neuron
+    if isinstance(neuron, GeneralizedLIF):
+        return _reset_at_once(name, layer.neurons, neuron, ties_fire=ties_fire)
     if not isinstance(neuron, LIF):
         raise NeuroroboError(f"the neurons of its layer `{name}` are of the model {type(neuron).__name__}, not LIF")
     if neuron.rectify:
@@ -113,9 +116,28 @@ def _membrane(name: str, layer: Layer, *, ties_fire: bool) -> Membrane:
         )
     own = layer.threshold
     thresholds = np.full(layer.neurons, neuron.threshold) if own is None else own.detach().double().numpy()
-    if not ties_fire:  # the layer fires at the number just above
-        thresholds = shortest(np.nextafter(thresholds.astype(np.float32), np.float32(0)))
-    return Membrane(neuron.decay, thresholds, ties_fire)
+    return Membrane(neuron.decay, _as_configured(thresholds, ties_fire=ties_fire), ties_fire)
+
+
+def _reset_at_once(name: str, neurons: int, neuron: GeneralizedLIF, *, ties_fire: bool) -> Membrane:
+    """Return neurons whose potential is ours times the gain of their input, by which the threshold is divided."""
+    faults = {
+        "have a synaptic current": neuron.synapse_decay is not None,
+        "adapt their threshold": neuron.adaptation is not None,
+        "are reset by their threshold and not to zero": neuron.reset != "zero",
+    }
+    for fault, holds in faults.items():
+        if holds:
+            raise NeuroroboError(f"the neurons of its layer `{name}` {fault}; a LIF node of NIR does not")
+    thresholds = _as_configured(np.full(neurons, neuron.threshold), ties_fire=ties_fire)
+    return Membrane(neuron.decay, thresholds / neuron.input_gain, ties_fire)
+
+
+def _as_configured(thresholds: NDArray[np.float64], *, ties_fire: bool) -> NDArray[np.float64]:
+    """Return the thresholds that a file names; neurons that fire above them have the number just above."""
+    if ties_fire:
+        return thresholds
+    return shortest(np.nextafter(thresholds.astype(np.float32), np.float32(0)))
 
 
 def _ties_fire(region: Region, layer: str) -> bool:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from neurorobo.engine import Layer, run_steps, run_window
+from neurorobo.engine import Layer, run_neurons
 from neurorobo.neurons import LIF
 from neurorobo.plasticity import Activity, LearningRule
 from neurorobo.plasticity.synapses import CHANGE, PlasticSynapses
@@ -87,10 +87,7 @@ class PlasticLayer:
         return self.layer.neuron.threshold if self.layer.threshold is None else self.layer.threshold
 
     def _scan(self, current: Tensor, neurons: Tensor, recurrent: Tensor | None) -> tuple[Tensor, Tensor]:
-        neuron = self.layer.neuron
-        if type(neuron) is LIF:
-            return run_window(current, neurons, neuron, self.layer.threshold, recurrent)
-        return run_steps(current, neurons, neuron, recurrent)
+        return run_neurons(current, neurons, self.layer.neuron, self.layer.threshold, recurrent)
 
     def _run_steps(self, current: Tensor, neurons: Tensor, recurrent: Tensor) -> tuple[Tensor, Tensor]:
         """Run step by step with recurrent weights (batch, neurons, neurons)."""

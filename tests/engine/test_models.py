@@ -6,7 +6,7 @@ import pytest
 import torch
 from torch import Tensor
 
-from neurorobo.engine import Circuit, Fired, Layer
+from neurorobo.engine import Circuit, Fired, Layer, run_neurons, run_steps
 from neurorobo.engine.models import KINDS, native_model
 from neurorobo.neurons import LIF, Neuron, Surrogate
 from neurorobo.neurons.bidimensional import AdEx, Izhikevich
@@ -230,3 +230,16 @@ def test_who_fired_last_is_told_by_lif_and_by_recurrent_layers() -> None:
         assert torch.equal(layer.fired(after), fired[-1])
     with pytest.raises(ValueError, match="tells not who fired"):
         build(GeneralizedLIF(), 1.0).fired(torch.zeros(1, 150))
+
+
+@pytest.mark.parametrize("recurrent", [False, True])
+@models
+def test_a_scan_of_currents_is_the_neurons_own_steps(neuron: Neuron, gain: float, recurrent: bool) -> None:
+    layer = build(neuron, gain, recurrent=recurrent)
+    state, weight = a_state(layer), None if layer.recurrent is None else layer.recurrent.matrix()
+    with torch.no_grad():
+        current = layer.projections[0](spikes())
+        fired, after = run_neurons(current.clone(), state, neuron, None, weight)
+        wanted, wanted_after = run_steps(current, state, neuron, weight)
+    assert torch.equal(fired, wanted)
+    assert torch.equal(after, wanted_after)
