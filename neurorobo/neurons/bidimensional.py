@@ -107,7 +107,7 @@ class AdEx:
     surrogate: Surrogate = Surrogate("fast_sigmoid", 5.0)
 
     def __post_init__(self) -> None:
-        """Refuse numbers that are not finite or have the wrong sign, a reset above the peak, and steps that are none."""
+        """Refuse numbers that are not finite or of the wrong sign, a reset above the peak, and steps that are none."""
         _check_steps(self.step_ms, self.substeps)
         for name in ("capacitance_pF", "leak_nS", "slope_mV", "time_constant_ms"):
             if not 0 < getattr(self, name) < math.inf:

@@ -22,10 +22,10 @@ class GeneralizedLIF:
         U[t] = U (1 - S[t])                                    if it is reset to zero; else U - threshold S[t]
         A[t] = adaptation_decay A[t-1] + S[t]
 
-    Potentials are dimensionless and counted from rest; decays are what is left after one ``spike_step`` of the clock. The
-    state (batch, variables x neurons) is, side by side, ``U``, then ``C`` and ``A`` of neurons that have them. Sources:
-    Gerstner et al. 2014, Sections 1.3 (exact integration) and 6 (adaptation); the synaptic current is that of snnTorch's
-    ``Synaptic``; the adaptive threshold is from Bellec et al. 2020, Eq. 6-8.
+    Potentials are dimensionless and counted from rest; decays are what is left after one ``spike_step`` of the clock.
+    The state (batch, variables x neurons) is, side by side, ``U``, then ``C`` and ``A`` of neurons that have them.
+    Sources: Gerstner et al. 2014, Section 1.3 (exact integration); the synaptic current is that of snnTorch's
+    ``Synaptic``; the adaptive threshold is that of Bellec et al. 2018 and 2020, whose ``a[t]`` is ``A[t-1]`` here.
 
     ``reset_gradient`` says whether the gradient also flows through the reset (``full``) or not (``detached``).
     """
@@ -85,10 +85,7 @@ class GeneralizedLIF:
             distance = distance - others[-1] * self.adaptation
         spikes = self.surrogate.fire(distance)
         resets = spikes if self.reset_gradient == "full" else spikes.detach()
-        if self.reset == "zero":
-            potential = potential * (1 - resets)
-        else:
-            potential = potential - resets * self.threshold
+        potential = potential * (1 - resets) if self.reset == "zero" else potential - resets * self.threshold
         if self.adaptation is not None:
             after.append(others[-1] * self.adaptation_decay + spikes)
         return spikes, torch.cat([potential, *after], dim=1)

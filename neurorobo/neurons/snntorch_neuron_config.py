@@ -48,8 +48,8 @@ class SnnTorchNeuronConfig(NeuronConfig):
             raise ValueError(f"{self.class_} resets in the next step; leave out `reset_delay`")
         return self
 
-    def build(self) -> SnnTorchNeuron:
-        """Return the neuron; a ValueError if snnTorch refuses the values."""
+    def build(self, step_ns: int) -> SnnTorchNeuron:
+        """Return the neuron, the same at every step; a ValueError if snnTorch refuses the values."""
         import snntorch
         from snntorch import surrogate
 

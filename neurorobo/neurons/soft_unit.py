@@ -15,7 +15,7 @@ class SoftUnit:
     """The soft spiking neural unit: a rectified integrator whose output is a sigmoid, and resets it by as much.
 
     ``U[t] = max(0, I[t] + decay U[t-1] (1 - Y[t-1]))`` and ``Y[t] = 1 / (1 + exp(-slope (U[t] - threshold)))``. The
-    state (batch, neurons) is ``U``, from which the last output follows. Its outputs are numbers between 0 and 1, so that
+    state (batch, neurons) is ``U``, from which the last output follows. Its outputs are numbers between 0 and 1, and
     only layers that are told so can read it. Source: Wozniak et al. 2020, with ``g`` = ReLU and ``h`` = sigmoid; the
     unit's bias is the negative threshold.
     """

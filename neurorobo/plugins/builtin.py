@@ -71,6 +71,48 @@ def neurorobo_register(registry: Registrar) -> None:
     )
     registry.add(
         "neuron",
+        "core.soft_spiking_neural_unit",
+        "neurorobo.neurons.config:SoftSpikingNeuralUnitConfig",
+        "the same that sends numbers between 0 and 1, for hidden layers",
+    )
+    registry.add(
+        "neuron",
+        "core.integrate_and_fire",
+        "neurorobo.neurons.generalized_lif_config:IntegrateAndFireConfig",
+        "integrate-and-fire without a leak",
+    )
+    registry.add(
+        "neuron",
+        "core.exact_lif",
+        "neurorobo.neurons.generalized_lif_config:ExactLIFConfig",
+        "leaky integrate-and-fire with a time constant, integrated exactly",
+    )
+    registry.add(
+        "neuron",
+        "core.synaptic_lif",
+        "neurorobo.neurons.generalized_lif_config:SynapticLIFConfig",
+        "the same with an exponential synaptic current",
+    )
+    registry.add(
+        "neuron",
+        "core.adaptive_lif",
+        "neurorobo.neurons.generalized_lif_config:AdaptiveLIFConfig",
+        "the same whose threshold rises with its spikes and falls back",
+    )
+    registry.add(
+        "neuron",
+        "core.izhikevich",
+        "neurorobo.neurons.bidimensional_config:IzhikevichConfig",
+        "Izhikevich's simple model, with the published regimes by name",
+    )
+    registry.add(
+        "neuron",
+        "core.adex",
+        "neurorobo.neurons.bidimensional_config:AdExConfig",
+        "adaptive exponential integrate-and-fire, in mV and pA",
+    )
+    registry.add(
+        "neuron",
         "core.snntorch_neuron",
         "neurorobo.neurons.snntorch_neuron_config:SnnTorchNeuronConfig",
         "a neuron of snnTorch: Leaky, Lapicque, Synaptic or Alpha",

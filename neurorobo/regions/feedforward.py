@@ -19,7 +19,7 @@ class Feedforward(Region):
 
     def __init__(self, config: FeedforwardConfig, clock: Clock, generator: torch.Generator) -> None:
         super().__init__(config, clock, generator)
-        neuron = config.neuron.build()
+        neuron = config.neuron.build(clock.spike_step_ns)
         sizes = (_channels(self.input_ports), *config.hidden, _channels(self.output_ports))
         names = [*(f"hidden_{number + 1}" for number in range(len(config.hidden))), "output"]
         layers = {

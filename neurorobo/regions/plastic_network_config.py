@@ -17,6 +17,7 @@ from neurorobo.clock import Clock
 from neurorobo.errors import ConfigError, Fault, did_you_mean
 from neurorobo.plasticity import LearningRule, ModulatedRule
 from neurorobo.plugged_field import Plugged
+from neurorobo.regions.config import Path
 from neurorobo.regions.feedforward_config import Quantity
 from neurorobo.regions.port import Port
 from neurorobo.regions.spiking_network_config import INPUTS, LayerConfig, Name, NetworkConfig
@@ -140,6 +141,10 @@ class PlasticNetworkConfig(NetworkConfig):
         channels = sum(port.channels for port in super().inputs(clock).values())
         return {"type": NetworkConfig.model_fields["type"].default, "inputs": channels, "layers": layers}
 
+    def needs_spikes(self, path: Path) -> bool:
+        """Whether the neuron at a path has to send spikes, as all have: rules and the layers that learn read them."""
+        return True
+
     def synapses(self) -> Iterator[tuple[str, str, SynapsesConfig]]:
         """Yield the layer, the source and the settings of all synapses that have some."""
         for name, layer in self.layers.items():
@@ -166,8 +171,9 @@ class PlasticNetworkConfig(NetworkConfig):
                 yield Fault((*place, "fan_in"), "neurons of a layer hear all others; leave this out")
             elif synapses.fan_in is not None and synapses.fan_in > sizes[key]:
                 yield Fault((*place, "fan_in"), f"`{key}` has {sizes[key]} neurons; take no more")
+            neuron = layer.neuron.build(clock.spike_step_ns)
             for number, rule in enumerate(synapses.learns):
-                for fault in (*rule.faults(clock, layer.neuron.build()), *self._told_faults(rule, layer)):
+                for fault in (*rule.faults(clock, neuron), *self._told_faults(rule, layer)):
                     yield Fault((*place, "learns", number, *fault.path), fault.message)
 
     def _told_faults(self, rule: LearningRule, layer: LayerConfig) -> Iterator[Fault]:

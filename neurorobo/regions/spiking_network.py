@@ -37,8 +37,11 @@ class LayeredNetwork(Region, ABC):
             if layer.bias:
                 projections.append(Dense(1, layer.neurons, generator, gain=0.0))
                 reads.append(ALWAYS)
+            for projection, read in zip(projections, layer.reads, strict=False):  # the last one may be the bias
+                projection.graded = read in config.layers and not config.layers[read].neuron.sends_spikes
             recurrent = self._recurrent(name, generator) if layer.recurrent else None
-            built = Layer(projections, layer.neuron.build(), recurrent, trainable_threshold=layer.own_thresholds)
+            neuron = layer.neuron.build(clock.spike_step_ns)
+            built = Layer(projections, neuron, recurrent, trainable_threshold=layer.own_thresholds)
             self.layers[_PREFIX + name] = built
             stages[name] = (built, reads)
             sizes[name] = layer.neurons

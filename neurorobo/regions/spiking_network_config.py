@@ -11,7 +11,7 @@ from neurorobo.errors import did_you_mean
 from neurorobo.neurons import NeuronConfig
 from neurorobo.neurons.config import LIFConfig
 from neurorobo.plugged_field import Plugged
-from neurorobo.regions.config import RegionConfig
+from neurorobo.regions.config import Path, RegionConfig
 from neurorobo.regions.feedforward_config import CodedPort
 from neurorobo.regions.port import Port
 
@@ -65,6 +65,10 @@ class LayeredNetworkConfig(RegionConfig, ABC):
             known.append(name)
         return self
 
+    def needs_spikes(self, path: Path) -> bool:
+        """Whether the neuron at a path has to send spikes; layers and read-outs can read numbers."""
+        return False
+
     def inputs(self, clock: Clock) -> dict[str, Port]:
         """Return what it receives."""
         return {name: port.port() for name, port in self.receives.items()}
@@ -88,6 +92,10 @@ class NetworkConfig(LayeredNetworkConfig):
     sends: dict[Name, CodedPort] = Field(
         alias="outputs", min_length=1, description="The outputs, by name; side by side, they are the last layer."
     )
+
+    def needs_spikes(self, path: Path) -> bool:
+        """Whether the neuron at a path has to send spikes, as that of the last layer has."""
+        return path == ("layers", [*self.layers][-1], "neuron")
 
     def outputs(self, clock: Clock) -> dict[str, Port]:
         """Return what it sends; a ValueError unless the last layer has a neuron for each channel of the outputs."""

@@ -177,12 +177,12 @@ def test_no_potential_lies_between_a_threshold_and_the_one_just_above(threshold:
 
 
 def test_a_file_names_the_tie_rule_the_surrogate_and_the_reset_gradient() -> None:
-    assert LIFConfig(fires="above", reset_gradient="detached").build() == LIF(
+    assert LIFConfig(fires="above", reset_gradient="detached").build(10**6) == LIF(
         just_above(0.5), reset_gradient="detached"
     )
-    assert LIFConfig().build() == LIF() == LIFConfig(fires="at", reset_gradient="full").build()
+    assert LIFConfig().build(10**6) == LIF() == LIFConfig(fires="at", reset_gradient="full").build(10**6)
     surrogate = SurrogateConfig(shape="triangular", width=0.3)
-    unit = SpikingNeuralUnitConfig(fires="above", surrogate=surrogate).build()
+    unit = SpikingNeuralUnitConfig(fires="above", surrogate=surrogate).build(10**6)
     assert unit == LIF(just_above(0.5), surrogate=Surrogate("triangular", 0.3), rectify=True)
 
 

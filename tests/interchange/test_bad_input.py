@@ -233,6 +233,6 @@ def test_notes_about_another_node_do_not_change_it(tmp_path: Path) -> None:
     whole.nodes["output.lif"] = lif(v_threshold=ones(10) * 0.35)
     nir().write(tmp_path / "net.nir", whole)
     config = import_network(tmp_path / "net.nir", REGISTRY).region.config
-    assert config.layers["hidden"].neuron.build().threshold == 0.5
-    assert config.layers["output"].neuron.build().decay == 0.5
-    assert config.layers["output"].neuron.build().threshold == pytest.approx(0.7)
+    assert config.layers["hidden"].neuron.build(10**6).threshold == 0.5
+    assert config.layers["output"].neuron.build(10**6).decay == 0.5
+    assert config.layers["output"].neuron.build(10**6).threshold == pytest.approx(0.7)

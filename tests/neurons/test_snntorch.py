@@ -168,7 +168,7 @@ def test_it_leaves_the_neuron_as_it_was_and_keeps_nothing(build: Callable[[], An
 
 def test_neurons_of_a_file_do_not_stay_in_its_list() -> None:
     before = list(snntorch.SpikingNeuron.instances)
-    SnnTorchNeuronConfig.model_validate({"beta": 0.9}).build()
+    SnnTorchNeuronConfig.model_validate({"beta": 0.9}).build(10**6)
     assert len(snntorch.SpikingNeuron.instances) == len(before)
 
 
@@ -191,7 +191,7 @@ def test_neurons_of_a_file_do_not_stay_in_its_list() -> None:
 )
 def test_a_file_says_what_the_constructor_does(settings: dict[str, Any], build: Callable[[], Any]) -> None:
     found = []
-    for neuron in (SnnTorchNeuronConfig.model_validate(settings).build(), SnnTorchNeuron(build())):
+    for neuron in (SnnTorchNeuronConfig.model_validate(settings).build(10**6), SnnTorchNeuron(build())):
         ours = layer(neuron)
         fired, _ = ours([spikes()])
         fired.sum().backward()

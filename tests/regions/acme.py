@@ -44,7 +44,7 @@ class AdaptiveConfig(NeuronConfig):
     type: Literal["acme.adaptive"] = "acme.adaptive"
     rise: float = Field(default=0.1, ge=0, description="What a spike adds to the threshold.")
 
-    def build(self) -> Adaptive:
+    def build(self, step_ns: int) -> Adaptive:
         return Adaptive(self.rise)
 
 

@@ -107,7 +107,7 @@ def test_a_fault_in_the_file_is_told_at_its_place(override: str, place: str, wor
 def test_a_bare_name_is_a_type_with_its_defaults_and_the_core_needs_no_prefix() -> None:
     experiment = load("regions.cortex.neuron=spiking_neural_unit", "regions.cortex.inputs.force.code=poisson")
     assert cortex(experiment).neuron == SpikingNeuralUnitConfig()
-    assert cortex(experiment).neuron.build() == LIF(rectify=True)
+    assert cortex(experiment).neuron.build(10**6) == LIF(rectify=True)
     assert cortex(experiment).receives["force"].code.type == "poisson"
 
 
