@@ -1,0 +1,1 @@
+"""Drivers of controllers and sensors."""

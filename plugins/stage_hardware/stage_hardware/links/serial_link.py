@@ -1,0 +1,175 @@
+"""A serial line, or a TCP connection that stands for one: lines out, lines in, and a way past them for a stop."""
+
+import threading
+import time
+from typing import TYPE_CHECKING
+
+from stage_hardware.errors import HardwareError, InterruptedByStopError, LinkError, ReplyTimeoutError
+
+if TYPE_CHECKING:
+    import serial
+
+POLL_S = 0.005
+"""How long a read waits at most before it looks whether a stop wants the line."""
+
+STOP_WAITS_S = 0.05
+"""How long a stop lets a transaction end by itself; then it writes all the same."""
+
+
+class SerialLink:
+    """Transactions with a controller, one at a time, and stops that go first.
+
+    After a reply that did not come, what comes late is thrown away before the next command goes out, as it would be
+    taken for the answer to that one. Text is ASCII; terminators are the caller's to name. Methods raise
+    :class:`LinkError` if the line is gone, :class:`ReplyTimeoutError` after ``timeout_s``, and
+    :class:`InterruptedByStopError` if a stop came between.
+    """
+
+    def __init__(
+        self,
+        device: str,
+        url: str,
+        *,
+        baud: int,
+        ends: bytes,
+        reply_ends: bytes,
+        hardware_flow_control: bool = False,
+        timeout_s: float = 0.5,
+    ) -> None:
+        """Name the line: a port such as `/dev/ttyUSB0` or `COM3`, or a URL such as `socket://host:port`."""
+        self.device, self.url, self.baud, self.timeout_s = device, url, baud, timeout_s
+        self._ends, self._reply_ends, self._flow_control = ends, reply_ends, hardware_flow_control
+        self._port: serial.Serial | None = None
+        self._lock = threading.Lock()
+        self._stopping = threading.Event()
+        self._received = bytearray()
+        self._is_behind = False
+
+    def open(self) -> None:
+        """Open the line; a HardwareError if it cannot be."""
+        try:
+            import serial
+        except ImportError:
+            raise HardwareError(
+                self.device, "pyserial is not installed", "pip install 'neurorobo-stage-hardware[hardware]'"
+            ) from None
+        try:
+            port = serial.serial_for_url(self.url, do_not_open=True)
+            port.baudrate, port.timeout, port.write_timeout = self.baud, POLL_S, self.timeout_s
+            port.rtscts = self._flow_control
+            port.open()
+        except (OSError, ValueError) as error:
+            raise LinkError(
+                self.device, f"{self.url} cannot be opened ({error})", "see that it is connected, and not in use"
+            ) from error
+        self._port, self._received, self._is_behind = port, bytearray(), False
+
+    def close(self) -> None:
+        """Close the line; safe to call at any time, and twice."""
+        port, self._port = self._port, None
+        if port is not None:
+            port.close()
+
+    def send(self, command: str) -> None:
+        """Send a command that has no reply."""
+        with self._lock:
+            self._refuse_if_stopping()
+            self._catch_up()
+            self._write(command.encode("ascii") + self._ends)
+
+    def ask(self, command: str, timeout_s: float | None = None) -> str:
+        """Send a command and return the line that answers it, without its end."""
+        with self._lock:
+            self._refuse_if_stopping()
+            self._catch_up()
+            self._write(command.encode("ascii") + self._ends)
+            return self._line(command, self.timeout_s if timeout_s is None else timeout_s)
+
+    def ask_bytes(self, command: bytes, timeout_s: float | None = None) -> str:
+        """The same with bytes that go out as they are, such as a query without an end."""
+        with self._lock:
+            self._refuse_if_stopping()
+            self._catch_up()
+            self._write(command)
+            return self._line(repr(command), self.timeout_s if timeout_s is None else timeout_s)
+
+    def read_line(self, timeout_s: float | None = None) -> str:
+        """Return a further line of an answer that has several."""
+        with self._lock:
+            return self._line("the lines before", self.timeout_s if timeout_s is None else timeout_s)
+
+    def urgent(self, data: bytes) -> None:
+        """Write a stop: a transaction that is under way is given up, and never waited for longer than 50 ms.
+
+        Replies to it, and what is left of the other one, are thrown away before the next command.
+        """
+        self._stopping.set()
+        has_lock = self._lock.acquire(timeout=STOP_WAITS_S)
+        try:
+            self._write(data)
+            self._is_behind = True
+        finally:
+            self._stopping.clear()
+            if has_lock:
+                self._lock.release()
+
+    def _refuse_if_stopping(self) -> None:
+        if self._stopping.is_set():
+            raise self._interrupted()
+
+    def _catch_up(self) -> None:
+        """Throw away what belongs to no command: what has come by now, and after a missing reply what comes late."""
+        self._received.clear()
+        wait_until = time.monotonic() + (self.timeout_s if self._is_behind else 0.0)
+        while self._read() or time.monotonic() < wait_until:
+            self._refuse_if_stopping()
+        self._received.clear()
+        self._is_behind = False
+
+    def _line(self, command: str, timeout_s: float) -> str:
+        deadline = time.monotonic() + timeout_s
+        while (end := self._received.find(self._reply_ends)) < 0:
+            if self._stopping.is_set():
+                self._is_behind = True
+                raise InterruptedByStopError(
+                    self.device, "a stop came first", "look at the state before the next command"
+                )
+            if time.monotonic() > deadline:
+                self._is_behind = True
+                raise ReplyTimeoutError(
+                    self.device,
+                    f"no reply to {command!r} within {timeout_s:g} s",
+                    "see that it is switched on, and that baud rate and cable are right",
+                )
+            self._read()
+        line = bytes(self._received[:end])
+        del self._received[: end + len(self._reply_ends)]
+        return line.decode("ascii", errors="replace")
+
+    def _read(self) -> bool:
+        """Add what has come to what was received, waiting for a moment if nothing has; return whether anything has."""
+        port = self._opened()
+        try:
+            came = port.read(max(1, port.in_waiting))
+        except (OSError, ValueError, TypeError) as error:  # the last of a port that another thread closes meanwhile
+            raise self._lost(error) from error
+        self._received += came
+        return bool(came)
+
+    def _write(self, data: bytes) -> None:
+        port = self._opened()
+        try:
+            port.write(data)
+        except (OSError, ValueError, TypeError) as error:
+            raise self._lost(error) from error
+
+    def _opened(self) -> "serial.Serial":
+        if self._port is None:
+            raise LinkError(self.device, "it is not connected", "connect first")
+        return self._port
+
+    def _lost(self, error: Exception) -> LinkError:
+        return LinkError(self.device, f"{self.url} is gone ({error})", "see to cable and power, then connect again")
+
+    def _interrupted(self) -> InterruptedByStopError:
+        return InterruptedByStopError(self.device, "a stop came first", "look at the state before the next command")
