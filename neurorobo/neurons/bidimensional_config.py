@@ -11,7 +11,7 @@ from neurorobo.neurons.exponential import MOST
 from neurorobo.units import Unit, format_duration
 
 LONGEST_STEP_NS = 2_000_000
-"""The interval within the fastest published bursts is twice as long, and a neuron fires at most once a step."""
+"""Within the fastest published bursts, spikes are 2.5 to 3 ms apart, and a neuron fires at most once a step."""
 
 Regime = Literal[
     "regular_spiking",
