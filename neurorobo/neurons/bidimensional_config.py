@@ -76,7 +76,7 @@ class IzhikevichConfig(_Substepped):
     c: Annotated[float, Unit("mV", lt=30.0)] = Field(default=-65.0, description="The potential after a spike.")
     d: float = Field(default=8.0, description="What a spike adds to the recovery variable.")
     input_gain: float = Field(
-        default=10.0, gt=0, description="The current `I` of the published equations that is an input of one."
+        default=40.0, gt=0, description="The current `I` of the published equations that is an input of one."
     )
     longest_substep: TimeConstant = Field(
         default=500_000, description="The longest step of the integration, of which a spike step has one or more."
@@ -143,7 +143,7 @@ class AdExConfig(_Substepped):
         default=None, description="Where an upstroke ends in a spike; ten slope factors above threshold if left out."
     )
     input_gain: Annotated[float, Unit("pA", gt=0)] = Field(
-        default=1000.0, description="The current that is an input of one."
+        default=10_000.0, description="The current that is an input of one."
     )
     longest_substep: TimeConstant = Field(
         default=100_000, description="The longest step of the integration, of which a spike step has one or more."

@@ -70,7 +70,7 @@ class _Leaking(NeuronConfig, ABC):
     membrane_time_constant: TimeConstant = Field(
         default=MEMBRANE_NS, description="After which 37 % of the potential are left."
     )
-    resistance: float = Field(default=1.0, gt=0, description="The potential at which a constant input of one settles.")
+    resistance: float = Field(default=10.0, gt=0, description="The potential at which a constant input of one settles.")
 
 
 class ExactLIFConfig(_Tying, _Leaking):
