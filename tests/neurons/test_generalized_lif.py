@@ -70,7 +70,7 @@ def test_reset_to_zero_loses_what_is_above_the_threshold() -> None:
 @pytest.mark.parametrize(("membrane", "synapse"), [(20, 5), (5, 20), (30, 1)])
 def test_the_potential_of_one_input_is_the_difference_of_two_exponentials(membrane: int, synapse: int) -> None:
     config = SynapticLIFConfig(
-        threshold=1e6, membrane_time_constant=f"{membrane} ms", synaptic_time_constant=f"{synapse} ms"
+        threshold=1e6, resistance=1.0, membrane_time_constant=f"{membrane} ms", synaptic_time_constant=f"{synapse} ms"
     )
     for step_ms in (0.25, 1.0):
         steps = int(60 / step_ms)
@@ -97,7 +97,9 @@ def test_the_response_to_a_constant_input_is_the_closed_form_and_settles_at_its_
 @pytest.mark.parametrize("step_us", [250, 1000])
 def test_a_synaptic_current_converges_to_the_two_differential_equations(step_us: int) -> None:
     """``U(t) = R I (1 - (m exp(-t/m) - s exp(-t/s)) / (m - s))``, at first order in the step."""
-    _, states = run(SynapticLIFConfig(threshold=100).build(step_us * 1000), constant(1.0, steps=30_000 // step_us))
+    _, states = run(
+        SynapticLIFConfig(threshold=100, resistance=1.0).build(step_us * 1000), constant(1.0, steps=30_000 // step_us)
+    )
     t = torch.arange(1, len(states) + 1).double() * step_us / 1000
     exact = 1 - (20 * (-t / 20).exp() - 5 * (-t / 5).exp()) / 15
     assert (states[:, 0, 0] - exact).abs().max() < 0.02 * step_us / 1000
@@ -106,7 +108,7 @@ def test_a_synaptic_current_converges_to_the_two_differential_equations(step_us:
 @pytest.mark.parametrize("adaptation", [0.02, 0.1, 0.4])
 def test_an_adapted_neuron_fires_at_the_interval_of_the_fixed_point(adaptation: float) -> None:
     """From a reset to zero, ``R I (1 - exp(-T/tau)) = threshold + adaptation / (exp(T/tau_a) - 1)``."""
-    config = AdaptiveLIFConfig(adaptation=adaptation, adaptation_time_constant="100 ms")
+    config = AdaptiveLIFConfig(resistance=1.0, adaptation=adaptation, adaptation_time_constant="100 ms")
     strength = torch.linspace(3, 10, 30, dtype=torch.float64)
     low, high = torch.full_like(strength, 1e-3), torch.full_like(strength, 1e3)
     for _ in range(60):
