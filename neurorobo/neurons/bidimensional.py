@@ -24,9 +24,9 @@ class Izhikevich:
         where V reaches peak_mV: a spike, V <- c, u <- u + d
 
     ``V`` and ``c`` are in mV, time in ms. One step of ``step_ms`` takes ``substeps`` of Euler's method, in which ``u``
-    sees the new ``V``, as in the published program; a potential that has reached its peak stays there until the step
-    ends, so that a neuron fires at most once a step. The state (batch, 2 x neurons) is ``V``, then ``u``. Source:
-    Izhikevich 2003. The surrogate's width is in mV.
+    sees the new ``V``, as in the published program (which updates ``u`` once a millisecond, and ``V`` twice); a
+    potential that has reached its peak stays there until the step ends, so that a neuron fires at most once a step.
+    The state (batch, 2 x neurons) is ``V``, then ``u``. Source: Izhikevich 2003. The surrogate's width is in mV.
     """
 
     a: float = 0.02

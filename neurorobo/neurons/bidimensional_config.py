@@ -79,7 +79,7 @@ class IzhikevichConfig(_Substepped):
         default=40.0, gt=0, description="The current `I` of the published equations that is an input of one."
     )
     longest_substep: TimeConstant = Field(
-        default=500_000, description="The longest step of the integration, of which a spike step has one or more."
+        default=250_000, description="The longest step of the integration, of which a spike step has one or more."
     )
     surrogate: SurrogateConfig = SurrogateConfig(shape="fast_sigmoid", width=20.0)
 

@@ -25,7 +25,7 @@ class GeneralizedLIF:
     Potentials are dimensionless and counted from rest; decays are what is left after one ``spike_step`` of the clock.
     The state (batch, variables x neurons) is, side by side, ``U``, then ``C`` and ``A`` of neurons that have them.
     Sources: Gerstner et al. 2014, Section 1.3 (exact integration); the synaptic current is that of snnTorch's
-    ``Synaptic``; the adaptive threshold is that of Bellec et al. 2018 and 2020, whose ``a[t]`` is ``A[t-1]`` here.
+    ``Synaptic``; the adaptive threshold is that of Bellec et al. 2020, whose ``a[t]`` is ``A[t-1]`` here.
 
     ``reset_gradient`` says whether the gradient also flows through the reset (``full``) or not (``detached``).
     """

@@ -125,7 +125,7 @@ class SynapticLIFConfig(_Tying, _Leaking):
 
 
 class AdaptiveLIFConfig(_Resetting, _Leaking):
-    """A leaky neuron whose threshold rises with each of its spikes and falls back (Bellec et al. 2018)."""
+    """A leaky neuron whose threshold rises with each of its spikes and falls back (Bellec et al. 2020)."""
 
     type: Literal["adaptive_lif"] = "adaptive_lif"
     adaptation: float = Field(default=0.1, ge=0, description="What a spike adds to the threshold.")

@@ -8,7 +8,7 @@ SHORTEST = 0.5
 """In steps: of a shorter time constant, less than a seventh of what was there is left after one step."""
 
 LONGEST = 100_000
-"""In steps: beyond, single precision rounds the share that is lost in one step by more than a third of a percent."""
+"""In steps: single precision rounds what is lost of one in a step by up to 0.3 %, and of a longer one by more."""
 
 
 def left_after(step_ns: int, time_constant_ns: int) -> float:

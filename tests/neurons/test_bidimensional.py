@@ -181,6 +181,17 @@ def test_regimes_are_the_same_at_other_steps(regime: str, step_us: int) -> None:
     assert len(pauses) == pytest.approx(len(expected), rel=0.1)
 
 
+@pytest.mark.parametrize("substep_us", [500, 250])
+def test_inhibition_makes_a_neuron_fire_only_from_where_the_documentation_says(substep_us: int) -> None:
+    """About where the map of a substep has a slope under -2, the parabola throws the potential over to its peak."""
+    potential = -62.5 - 37.5 / (substep_us / 1000)
+    current = -(0.04 * potential**2 + 5 * potential + 140 - 0.2 * potential)
+    neuron = IzhikevichConfig(input_gain=1.0, longest_substep=f"{substep_us} us").build(MS)
+    spikes, _ = run(neuron, constant(0.1 * current, 0.5 * current, 0.85 * current, 1.1 * current, steps=500))
+    assert spikes[:, :3].sum() == 0
+    assert spikes[:, 3].sum() > 0
+
+
 def adex(**values: float) -> AdExConfig:
     """Return a configuration whose inputs are in pA."""
     units = {
