@@ -53,10 +53,10 @@ def present(results: Mapping[str, Result], setting: Setting) -> Presentation:
     before, plain_before = (_before(results[f"fine rig, {how}"]) for how in ("learning", "as shipped"))
     words = (
         *WORDS,
-        f"Learning, the first insertion takes {_force(first)} mN and the last one {_force(last)}: the gain is there within "
-        f"the first insertion. The brain as shipped takes {_force(plain)} on the seeds of the last one; on those of the "
-        "first, which are the seeds of Table I, it takes what stands there (`brain, paper rig`). These two differ by "
-        "their seeds alone.",
+        f"Learning, the first insertion takes {_force(first)} mN and the last one {_force(last)}: the gain is there "
+        f"within the first insertion. The brain as shipped takes {_force(plain)} on the seeds of the last one; on those "
+        "of the first, which are the seeds of Table I, it takes what stands there (`brain, paper rig`). These two differ "
+        "by their seeds alone.",
         f"The last of the insertions takes {share:.2f} times the force that the same brain takes with a hippocampus "
         "that was trained on the rig's law.",
         f"With learning switched off, every force and every travel is the same, to the last bit, as those of the plain "
@@ -70,8 +70,8 @@ def present(results: Mapping[str, Result], setting: Setting) -> Presentation:
     pictures = [
         Picture(
             "adaptation_law",
-            "Mean force by insertion on the paper rig, with the 95 % interval of the mean over the sessions. What there "
-            "is to gain is gained within the first. Dashed: brains that do not learn, on the seeds of the last.",
+            "Mean force by insertion on the paper rig, with the 95 % interval of the mean over the sessions. What "
+            "there is to gain is gained within the first. Dashed: brains that do not learn, on the seeds of the last.",
             _drawing_of_insertions(results),
         ),
         Picture(

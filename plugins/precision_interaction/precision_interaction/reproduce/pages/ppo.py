@@ -76,8 +76,8 @@ def present(results: Mapping[str, Result], setting: Setting) -> Presentation:
                 *(_parts(_analytic(ideal), results[name], results[name]) for name, ideal in IDEALS.items()),
             ],
             "Both parts of Eq. 3, each controller on its own rig. Analytic controllers know the contact of the paper's "
-            "rig; how it grows with depth they are not told, so that they are no ideal on the rig with depth gain. They "
-            "go no faster than the speed of their name.",
+            "rig; how it grows with depth they are not told, so that they are no ideal on the rig with depth gain. "
+            "They go no faster than the speed of their name.",
         ),
     ]
     pictures = [
