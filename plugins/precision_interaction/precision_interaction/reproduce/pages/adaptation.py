@@ -54,9 +54,9 @@ def present(results: Mapping[str, Result], setting: Setting) -> Presentation:
     words = (
         *WORDS,
         f"Learning, the first insertion takes {_force(first)} mN and the last one {_force(last)}: the gain is there "
-        f"within the first insertion. The brain as shipped takes {_force(plain)} on the seeds of the last one; on those "
-        "of the first, which are the seeds of Table I, it takes what stands there (`brain, paper rig`). These two differ "
-        "by their seeds alone.",
+        f"within the first insertion. The brain as shipped takes {_force(plain)} on the seeds of the last one; on "
+        "those of the first, which are the seeds of Table I, it takes what stands there (`brain, paper rig`): another "
+        "mean of the same brain, by other seeds alone.",
         f"The last of the insertions takes {share:.2f} times the force that the same brain takes with a hippocampus "
         "that was trained on the rig's law.",
         f"With learning switched off, every force and every travel is the same, to the last bit, as those of the plain "
