@@ -464,6 +464,8 @@ def test_an_interrupted_phase_that_acts_ends_with_the_very_same_weights(tmp_path
             loop(broken, SUPERVISED, report=interrupt)
     loop(broken, SUPERVISED)
     assert gain(broken, "pupil") == gain(straight, "pupil") != 0.0
+    one, other = (folder / "out" / "pupil.safetensors" for folder in (straight, broken))
+    assert one.read_bytes() == other.read_bytes()
 
 
 def test_a_finished_phase_is_tied_to_the_loop_in_which_it_acted(tmp_path: Path) -> None:
