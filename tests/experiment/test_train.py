@@ -221,6 +221,11 @@ def test_training_one_region_keeps_what_is_known_of_the_others(tmp_path: Path) -
     assert phases[0] == first
 
 
+def test_a_region_that_no_phase_is_about_is_told_with_those_that_there_are(tmp_path: Path) -> None:
+    with pytest.raises(NeuroroboError, match="no phase under `train` is about `cortex`; there are: other, pupil"):
+        train(tmp_path, only=["pupil", "cortex"])
+
+
 def test_an_interrupted_phase_goes_on_and_counts_all_its_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     straight, broken = tmp_path / "straight", tmp_path / "broken"
     for folder in (straight, broken):
