@@ -227,7 +227,9 @@ class _Compiler:
             self._fault(path, f"there is no step `{source.step}`{did_you_mean(source.step, self.nodes)}")
             return None
         if source.port not in node.outputs:
-            if node.outputs or node.name == BODY:
+            if node.name == BODY and not node.outputs:
+                self._fault(path, f"there is no `body` to read `{source.port}` from; declare one, or read a step")
+            elif node.outputs:
                 known = did_you_mean(source.port, node.outputs)
                 self._fault(path, f"`{source.step}` has no output `{source.port}`{known}")
             return None
