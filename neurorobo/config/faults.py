@@ -108,8 +108,8 @@ def _message(details: ErrorDetails, model: type[BaseModel]) -> str:
         case "too_long" | "too_short":
             given = _values(context["actual_length"])
             if kind == "too_long":
-                return f"has {given}, and takes {context['max_length']} at most; remove the rest"
-            return f"has {given}, and needs {context['min_length']} or more; add some"
+                return f"has {given}, and takes at most {context['max_length']}; remove the rest"
+            return f"has {given}, and needs at least {context['min_length']}; add some"
         case "extra_forbidden":
             *path, key = details["loc"]
             return f"unknown key `{key}`{did_you_mean(str(key), _keys(model, path))}"

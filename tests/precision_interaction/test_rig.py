@@ -298,7 +298,7 @@ def test_a_reset_of_some_episodes_starts_their_figures_anew() -> None:
     ("slopes", "message"),
     [
         (["1 mN/um", "2 mN/um"], "contact.mean_slope.2: is missing: the list has 2 values and needs more; add it"),
-        (["1 mN/um"] * 4, "contact.mean_slope: has 4 values, and takes 3 at most; remove the rest"),
+        (["1 mN/um"] * 4, "contact.mean_slope: has 4 values, and takes at most 3; remove the rest"),
     ],
 )
 def test_a_law_of_too_few_or_too_many_axes_is_refused_with_the_cure(slopes: list[str], message: str) -> None:
