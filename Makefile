@@ -23,7 +23,7 @@ help: ## list the targets
 run: .venv/.installed ## set up, then insert a peg with the spiking brain and save a recording
 	$(BIN)/neurorobo run examples/peg_in_hole.yaml
 
-train: .venv/.installed ## train the three brain regions from scratch (up to an hour; stop and go on at will)
+train: .venv/.installed ## train the three brain regions from scratch (about 15 minutes; stop and go on at will)
 	$(BIN)/neurorobo train examples/peg_in_hole.yaml
 
 test: .venv/.installed-dev ## set up, then run the tests

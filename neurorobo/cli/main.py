@@ -34,7 +34,10 @@ class _Commands(click.Group):
         if (own := super().get_command(context, name)) is not None:
             return own
         entry = self._of_plugins().get(name)
-        return None if entry is None else click.Command(name, help=entry.summary, short_help=entry.summary)
+        if entry is None:
+            return None
+        summary = f"{entry.summary[:1].upper()}{entry.summary[1:]}."
+        return click.Command(name, help=summary, short_help=summary)
 
     def resolve_command(
         self, context: click.Context, arguments: list[str]

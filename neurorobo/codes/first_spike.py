@@ -27,7 +27,7 @@ class TimeToFirstSpike(Code):
     def resolution(self, steps: int) -> float:
         """Return the value of one step of one neuron's latency."""
         if steps < 2:
-            raise ValueError("time to first spike needs a window of at least two steps")
+            raise ValueError("time to first spike needs a window of at least two steps; give it more, under `time`")
         return (self.hi - self.lo) / (self.neurons * (steps - 1))
 
     def encode(self, values: "Tensor", steps: int, generator: "torch.Generator | None" = None) -> "Tensor":

@@ -56,7 +56,7 @@ class RankOrder(Code):
         if steps < self.neurons:
             raise NeuroroboError(
                 f"the order of {self.neurons} neurons does not fit into a window of {steps} steps; give the code fewer "
-                "neurons, or the window more steps"
+                "neurons, or the window more steps, under `time`"
             )
         return (self.hi - self.lo) / self.pairs
 

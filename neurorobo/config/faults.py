@@ -102,14 +102,21 @@ def _message(details: ErrorDetails, model: type[BaseModel]) -> str:
         return str(context["message"])
     match kind:
         case "missing":
+            if isinstance(value, Sequence):  # of a list with a place for each value, such as x, y and z
+                return f"is missing: the list has {_values(len(value))} and needs more; add it"
             return message
+        case "too_long" | "too_short":
+            given = _values(context["actual_length"])
+            if kind == "too_long":
+                return f"has {given}, and takes at most {context['max_length']}; remove the rest"
+            return f"has {given}, and needs at least {context['min_length']}; add some"
         case "extra_forbidden":
             *path, key = details["loc"]
             return f"unknown key `{key}`{did_you_mean(str(key), _keys(model, path))}"
         case "value_error" | "assertion_error":
             message = str(context["error"])
-            if isinstance(context["error"], UnitError):
-                return message
+            if isinstance(context["error"], UnitError) or isinstance(value, Mapping | list | tuple):
+                return message  # that a mapping was got is no news where it is read, and then found wrong
         case "literal_error" | "enum" | "union_tag_invalid":
             allowed = str(context.get("expected", context.get("expected_tags")))
             value = context.get("tag", value)
@@ -121,6 +128,10 @@ def _message(details: ErrorDetails, model: type[BaseModel]) -> str:
     if not message:
         message = re.sub(r"^[A-Z]\w* should ", "must ", details["msg"])
     return message + ("" if _shown(value) in message else _got(value))
+
+
+def _values(count: int) -> str:
+    return f"{count} value{'' if count == 1 else 's'}"
 
 
 def _discriminator(details: ErrorDetails) -> str:

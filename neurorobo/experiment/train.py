@@ -12,7 +12,7 @@ import torch
 
 from neurorobo.config.experiment import Experiment
 from neurorobo.config.faults import raise_faults
-from neurorobo.errors import Fault, NeuroroboError
+from neurorobo.errors import Fault, NeuroroboError, did_you_mean
 from neurorobo.experiment.build import build, build_region, noting, untrained
 from neurorobo.experiment.lessons import Lesson
 from neurorobo.experiment.plan import build_plan
@@ -61,9 +61,9 @@ def train_experiment(
     nothing. Before any training it raises a ConfigError if a phase cannot be run, and a NeuroroboError if the folder
     cannot be written, or holds a phase that was trained by other settings or from other weights.
     """
-    unknown = set(only) - {name for lesson in lessons for name in lesson.phase.pupils}
-    if unknown:
-        raise NeuroroboError(f"no training phase is about {', '.join(sorted(unknown))}; see `train` in the file")
+    taught = list(dict.fromkeys(name for lesson in lessons for name in lesson.phase.pupils))
+    if unknown := [name for name in only if name not in taught]:
+        raise NeuroroboError(f"no phase under `train` is about `{unknown[0]}`{did_you_mean(unknown[0], taught)}")
     chosen = {
         i: lesson for i, lesson in enumerate(lessons) if not only or not lesson.phase.pupils.keys().isdisjoint(only)
     }

@@ -100,6 +100,7 @@ class _Compiler:
                 order.append(use)
         commands = self._commands(command, actuators)
         self._check_order()
+        self._check_kept([step for item in steps for step in (item.steps if isinstance(item, RepeatSpec) else (item,))])
         if self.faults:
             raise ConfigError(self.faults)
         outgoing: dict[str, list[Edge]] = {}
@@ -203,6 +204,9 @@ class _Compiler:
             edge = self._edge(reader, name, port, source, path, takes_over=bool(takes_over))
             if edge is None:
                 return ()
+            if port.once and reference.then is None and (fault := self._not_once(reader, source)) is not None:
+                self._fault(path, fault)
+                return ()
             edges.append(edge)
         self.edges += edges
         return tuple(edges)
@@ -223,7 +227,9 @@ class _Compiler:
             self._fault(path, f"there is no step `{source.step}`{did_you_mean(source.step, self.nodes)}")
             return None
         if source.port not in node.outputs:
-            if node.outputs or node.name == BODY:
+            if node.name == BODY and not node.outputs:
+                self._fault(path, f"there is no `body` to read `{source.port}` from; declare one, or read a step")
+            elif node.outputs:
                 known = did_you_mean(source.port, node.outputs)
                 self._fault(path, f"`{source.step}` has no output `{source.port}`{known}")
             return None
@@ -330,6 +336,35 @@ class _Compiler:
                 f"say which value is meant: `last {plain}`, `sum {plain}` or `mean {plain}`"
             )
         return None
+
+    def _not_once(self, reader: _Node, source: Source) -> str | None:
+        """Say why an input that adds up what it hears would not hear each window of its source once, if so."""
+        node = self.nodes[source.step]
+        plain = f"{source.step}.{source.port}"
+        if node.period > reader.period or reader.repeat not in (None, node.repeat):
+            return (
+                f"`{reader.name}` runs more often than `{source.step}` and would add the same change again each time; "
+                "run both equally often"
+            )
+        if node.repeat != reader.repeat:
+            return f"`{reader.name}` would miss iterations of `{source.step}`; put both into the same repeat"
+        if node.period < reader.period and source.reading != "sum":
+            return (
+                f"`{source.step}` runs {reader.period / node.period:g} times as often as `{reader.name}`, which would "
+                f"miss changes; write `sum {plain}`"
+            )
+        return None
+
+    def _check_kept(self, steps: Sequence[StepSpec]) -> None:
+        """Report every region that is nothing without its past and whose state no step commits."""
+        for name, config in self.regions.items():
+            uses = [step for step in steps if step.use == name]
+            if config.accumulates and uses and all(step.state != "commit" for step in uses):
+                self._fault(
+                    (*uses[0].path, "state"),
+                    f"no step keeps the state of `{name}`, so that what it learns or adds up is lost each time; leave "
+                    "`state` out of a step that uses it",
+                )
 
     def _check_order(self) -> None:
         """Report every step that reads, in the same tick, what runs after it."""

@@ -7,7 +7,7 @@ from typing import Any, ClassVar, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from neurorobo.clock import Clock
-from neurorobo.errors import ConfigError, Fault
+from neurorobo.errors import ConfigError, Fault, NeuroroboError
 from neurorobo.neurons import NeuronConfig
 from neurorobo.regions.port import Port
 from neurorobo.units import same_unit
@@ -20,13 +20,15 @@ class RegionConfig(BaseModel, ABC):
     """Base of every region's configuration; it must not import torch, so that files are checked and planned quickly.
 
     ``implementation`` names the class that is imported when the region is built, as ``"package.module:Class"``;
-    ``pretrained_package`` the package that holds shipped weights, if there are any.
+    ``pretrained_package`` the package that holds shipped weights, if there are any. ``accumulates`` says that a region
+    is nothing without its past, as one that learns while it runs: some step has to commit its state.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     implementation: ClassVar[str]
     pretrained_package: ClassVar[str | None] = None
+    accumulates: ClassVar[bool] = False
     not_in_signature: ClassVar[frozenset[str]] = frozenset({"weights", "carry"})
 
     type: str
@@ -61,15 +63,15 @@ def checked_ports(config: RegionConfig, clock: Clock) -> tuple[dict[str, Port], 
     """Return the input and the output ports of a region; a ConfigError if they cannot be had.
 
     Its faults have paths inside the region's configuration: a neuron that cannot run at the spike step or sends numbers
-    where spikes are needed, a period that there is not, a unit or a code that cannot be, an initial value that its code
-    cannot say.
+    where spikes are needed, a period that there is not, a unit or a code that cannot be, a code that does not fit the
+    window, an initial value that its code cannot say.
     """
     if faults := [*_neuron_faults(config, clock.spike_step_ns)]:
         raise ConfigError(faults)
     try:
         inputs, outputs = config.inputs(clock), config.outputs(clock)
         for name, port in (*inputs.items(), *outputs.items()):
-            _check(name, port)
+            _check(name, port, clock.window)
     except ValueError as error:
         raise ConfigError([Fault((), str(error))]) from error
     return inputs, outputs
@@ -104,10 +106,18 @@ def _neurons(value: object, path: Path) -> Iterator[tuple[Path, NeuronConfig]]:
             yield from _neurons(item, (*path, number))
 
 
-def _check(name: str, port: Port) -> None:
-    """Raise a ValueError for a unit that does not exist, and for an initial value that its code cannot say."""
+def _check(name: str, port: Port, steps: int) -> None:
+    """Raise a ValueError for a unit that does not exist, and for a window or an initial value that its code cannot say.
+
+    A code says itself which windows it can use, when it is asked for its resolution.
+    """
     same_unit(port.unit, port.unit)
     code = port.code
+    if code is not None:
+        try:
+            code.resolution(steps)
+        except (NeuroroboError, ValueError) as error:
+            raise ValueError(f"the port `{name}`: {error}") from error
     for value in port.initial or ():
         if code is not None and not code.lo <= value <= code.hi:
             raise ValueError(

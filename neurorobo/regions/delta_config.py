@@ -13,6 +13,8 @@ from neurorobo.units import KnownUnit, format_quantity, parse_quantity
 
 
 class _DeltaConfig(RegionConfig):
+    accumulates: ClassVar[bool] = True
+
     carry: Literal["always"] = "always"
     unit: KnownUnit = Field(description="The unit of the quantity.")
     width: int = Field(default=1, ge=1, description="The number of components.")
@@ -55,7 +57,7 @@ class DeltaDecoderConfig(_DeltaConfig):
 
     def inputs(self, clock: Clock) -> dict[str, Port]:
         """Return the change, which the edge decodes: no threshold has to be told twice."""
-        return {"change": Port(self.unit, self.width, initial=(0.0,) * self.width)}
+        return {"change": Port(self.unit, self.width, initial=(0.0,) * self.width, once=True)}
 
     def outputs(self, clock: Clock) -> dict[str, Port]:
         """Return the quantity."""

@@ -10,7 +10,8 @@ class Plastic(Region):
 
     The changes are part of its state, of every member of a batch its own; the parameters stay as they were trained.
     ``learned`` names those parts of the state that outlive an episode where episodes follow one another. It carries
-    its state always: nothing would be learned otherwise.
+    its state always: nothing would be learned otherwise; and its configuration says that it ``accumulates``, so that a
+    graph in which no step keeps that state is refused.
     """
 
     learned: ClassVar[tuple[str, ...]]

@@ -115,6 +115,7 @@ class PlasticNetworkConfig(NetworkConfig):
     """
 
     implementation: ClassVar[str] = "neurorobo.regions.plastic_network:PlasticNetwork"
+    accumulates: ClassVar[bool] = True
 
     type: Literal["plastic_network"] = "plastic_network"  # type: ignore[assignment]
     carry: Literal["always"] = Field(

@@ -11,7 +11,8 @@ class Port:
 
     Numbers are tensors (batch, width); with a ``code``, spikes are tensors (steps, batch, width * code.neurons) of 0
     and 1. ``initial`` is the value of an input before its source has spoken, in ``unit``, one number per component; an
-    input that has one may be left unwired.
+    input that has one may be left unwired. ``once`` says of an input that it adds up what it hears, so that each window
+    of its source has to be heard exactly once.
     """
 
     unit: str
@@ -19,6 +20,7 @@ class Port:
     code: Code | None = None
     initial: tuple[float, ...] | None = None
     description: str = ""
+    once: bool = False
 
     def __post_init__(self) -> None:
         """Refuse an initial value of another width; whole numbers in it become floats."""

@@ -32,9 +32,9 @@ def save_weights(
 ) -> None:
     """Write the weights of a region, replacing the file at once or not at all, and the folders that it is in.
 
-    ``notes`` go into the file's metadata. ``bits`` asks for fixed point with that many fractional bits (one number,
-    or one per tensor name); without it floats are stored as they are. Raises :class:`NeuroroboError` if a weight does
-    not fit 16 bits, or the file cannot be written.
+    ``notes`` go into the file's metadata, sorted, so that the same weights and notes are the same bytes. ``bits`` asks
+    for fixed point with that many fractional bits (one number, or one per tensor name); without it floats are stored as
+    they are. Raises :class:`NeuroroboError` if a weight does not fit 16 bits, or the file cannot be written.
     """
     tensors: dict[str, Tensor] = {}
     grids: dict[str, int] = {}
@@ -50,7 +50,7 @@ def save_weights(
         **identity(region.config, region.clock),
         "fractional_bits": json.dumps(grids, sort_keys=True),
     }
-    write_whole(path, save(tensors, metadata))
+    write_whole(path, _with_sorted_metadata(save(tensors, metadata)))
 
 
 def load_weights(region: Region, path: Path) -> dict[str, str]:
@@ -79,6 +79,19 @@ def load_weights(region: Region, path: Path) -> dict[str, str]:
         )
     region.load_state_dict({name: tensor.to(wanted[name].dtype) for name, tensor in values.items()})
     return metadata
+
+
+def _with_sorted_metadata(content: bytes) -> bytes:
+    """Return a safetensors file with its metadata sorted, which the library writes in an order that it draws anew.
+
+    The file is the length of its header (8 bytes, little-endian), the header, JSON padded to a multiple of 8, and data.
+    """
+    end = 8 + int.from_bytes(content[:8], "little")
+    header = json.loads(content[8:end])
+    header["__metadata__"] = dict(sorted(header["__metadata__"].items()))
+    text = json.dumps(header, ensure_ascii=False, separators=(",", ":")).encode()
+    text += b" " * (-len(text) % 8)
+    return len(text).to_bytes(8, "little") + text + content[end:]
 
 
 def _smallest_integers(name: str, tensor: Tensor) -> Tensor:

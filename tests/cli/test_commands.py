@@ -52,7 +52,7 @@ def test_a_plugin_s_command_is_listed_without_being_imported_and_called_with_its
     install(tmp_path, monkeypatch, "kettle")
     code, out, _ = call(capsys, monkeypatch, "--help")
     assert code == 0
-    assert "brews with kettle" in out
+    assert "Brews with kettle." in out
     assert "kettle_tools" not in sys.modules
     assert call(capsys, monkeypatch, "brew", "--strong") == (0, "kettle, strong\n", "")
     assert "--strong" in call(capsys, monkeypatch, "brew", "--help")[1]

@@ -8,10 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 from torch import Tensor
 
+from neurorobo.clock import Clock
 from neurorobo.codes.rank_order import RankOrder
 from neurorobo.config.plugged_reader import read_plugged
 from neurorobo.errors import ConfigError, NeuroroboError
 from neurorobo.plugins import Registry
+from neurorobo.regions import RegionConfig
+from neurorobo.regions.config import checked_ports
 
 neurons = st.integers(2, 25)
 extra_steps = st.integers(0, 30)
@@ -131,6 +134,19 @@ def test_an_order_that_does_not_fit_into_the_window_is_refused_with_the_cure() -
         code.encode(column(0.3), 9)
     with pytest.raises(NeuroroboError, match="does not fit"):
         code.decode(spikes[:9])
+
+
+def test_a_region_whose_window_is_too_short_for_it_is_refused_before_anything_is_built() -> None:
+    port = {"unit": "um", "range": "0..9 um", "code": {"type": "rank_order", "neurons": 10}}
+    config = read_plugged(
+        "region",
+        {"type": "feedforward", "inputs": {"place": port}, "outputs": {"said": port}, "hidden": [4]},
+        Registry.discover(),
+    )
+    assert isinstance(config, RegionConfig)
+    checked_ports(config, Clock({"control": 1_000_000_000}, 1_000_000, 10))
+    with pytest.raises(ConfigError, match=r"`place`: .* does not fit into a window of 9 steps; .* under `time`"):
+        checked_ports(config, Clock({"control": 1_000_000_000}, 1_000_000, 9))
 
 
 def test_a_file_can_name_it_and_one_neuron_is_refused() -> None:

@@ -221,6 +221,11 @@ def test_training_one_region_keeps_what_is_known_of_the_others(tmp_path: Path) -
     assert phases[0] == first
 
 
+def test_a_region_that_no_phase_is_about_is_told_with_those_that_there_are(tmp_path: Path) -> None:
+    with pytest.raises(NeuroroboError, match="no phase under `train` is about `cortex`; there are: other, pupil"):
+        train(tmp_path, only=["pupil", "cortex"])
+
+
 def test_an_interrupted_phase_goes_on_and_counts_all_its_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     straight, broken = tmp_path / "straight", tmp_path / "broken"
     for folder in (straight, broken):
@@ -464,6 +469,8 @@ def test_an_interrupted_phase_that_acts_ends_with_the_very_same_weights(tmp_path
             loop(broken, SUPERVISED, report=interrupt)
     loop(broken, SUPERVISED)
     assert gain(broken, "pupil") == gain(straight, "pupil") != 0.0
+    one, other = (folder / "out" / "pupil.safetensors" for folder in (straight, broken))
+    assert one.read_bytes() == other.read_bytes()
 
 
 def test_a_finished_phase_is_tied_to_the_loop_in_which_it_acted(tmp_path: Path) -> None:

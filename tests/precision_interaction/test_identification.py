@@ -1,6 +1,7 @@
 """Identifying a contact: it finds the law that a rig has, and says what is wrong with a log."""
 
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ import yaml
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from precision_interaction.identification.analysis import Analysis, LineFit, analyse, histogram, quantile
+from precision_interaction.identification.doubts import doubts
 from precision_interaction.identification.experiment import insert_and_withdraw
 from precision_interaction.identification.fragment import contact_of
 from precision_interaction.identification.log import ContactLog, read_log, write_log
@@ -107,6 +109,55 @@ def test_shares_add_up_to_one() -> None:
     assert np.allclose(np.diff(found.centre_mN), 7.0)
 
 
+def doubted(log: ContactLog) -> list[str]:
+    analysis = analyse(log)
+    return list(doubts(log, analysis, analysis.best()))
+
+
+@pytest.mark.parametrize("law", ["measured", "proportional"])
+@pytest.mark.parametrize("repetitions", [10, 30, 300])
+def test_what_a_rig_draws_is_not_doubted(law: str, repetitions: int) -> None:
+    """In 20 logs of each kind at most one is: each doubt asks for much more than chance gives."""
+    logs = [insert_and_withdraw(rig({"law": law}), repetitions=repetitions, seed=seed) for seed in range(20)]
+    assert sum(bool(doubted(log)) for log in logs) <= 1
+
+
+@pytest.mark.parametrize(
+    ("of_step", "of_force", "words"),
+    [
+        (1.0, 1e-3, "in N, multiply them by 1000"),
+        (1.0, 1e3, "in uN, multiply them by 0.001"),
+        (1e-3, 1.0, "step_um is in mm"),
+        (1e3, 1.0, "step_um is in nm"),
+    ],
+)
+def test_values_in_another_unit_than_the_column_says_are_told(of_step: float, of_force: float, words: str) -> None:
+    log = insert_and_withdraw(rig({"law": "measured"}), repetitions=30)
+    [told] = [
+        doubt
+        for doubt in doubted(replace(log, step_um=log.step_um * of_step, increment_mN=log.increment_mN * of_force))
+        if "convert" in doubt or "multiply" in doubt
+    ]
+    assert words in told
+
+
+def test_an_insertion_unlike_the_others_is_told_with_its_line_and_that_the_law_does_not_fit(tmp_path: Path) -> None:
+    log = insert_and_withdraw(rig({"law": "measured"}), repetitions=100)
+    log.increment_mN[333, 0] = 300.0
+    write_log(log, tmp_path / "log.csv")
+    outlier, *others = doubted(read_log(tmp_path / "log.csv"))
+    assert "1 of 700 insertions lies far from the others" in outlier
+    assert "log.csv:335: increment_x_mN 300" in outlier
+    assert any("does not fit the variance of x" in other and "off most at 20 um" in other for other in others)
+
+
+def test_increments_in_two_heaps_are_told_as_not_gaussian() -> None:
+    log = insert_and_withdraw(rig({"law": "measured"}), repetitions=100)
+    log.increment_mN[:, 1] += np.random.default_rng(0).choice([-25.0, 25.0], len(log.step_um))
+    [told] = [doubt for doubt in doubted(log) if "not Gaussian" in doubt]
+    assert "y at 2 um" in told
+
+
 def test_a_coarse_sensor_is_told() -> None:
     assert identified({"law": "measured"}, force_resolution="7.8125 mN").coarse
     assert not identified({"law": "measured"}).coarse
@@ -163,12 +214,15 @@ ROWS = "".join(f"10,{i},{2 * i}\n" for i in range(12))
         ("step_mm,increment_x_mN,increment_y_mN\n0.01,1,2\n", "the column step_mm is not in um; convert it"),
         ("step_um,increment_x_N,increment_y_N\n10,1,2\n", "the column increment_x_N is not in mN; convert it"),
         (HEADER, "no rows"),
-        (HEADER + ROWS + "10,nan,1\n", ":14: increment_x_mN is 'nan', not a number below 1e+09; correct or remove"),
-        (HEADER + ROWS + "10,1e300,1\n", ":14: increment_x_mN is '1e300', not a number below"),
+        (HEADER + ROWS + "10,nan,1\n", ":14: increment_x_mN is 'nan', not a number; correct or remove"),
+        (HEADER + ROWS + "10,1e300,1\n", ":14: increment_x_mN is '1e300', beyond 1000000; correct or remove"),
         (HEADER + ROWS + "10,1\n", ":14: increment_y_mN is nothing"),
         (HEADER + ROWS + "10,one,1\n", ":14: increment_x_mN is 'one'"),
         (HEADER + ROWS + "-10,1,1\n" * 10, ":14: step_um is -10; log insertions only"),
-        (HEADER + ROWS + "20,1,1\n" * 9, "9 insertions of 20 um are too few"),
+        (HEADER + ROWS + "20,1,1\n" * 9, "9 insertions of 20 um, too few for a variance"),
+        (HEADER + ROWS + "20,1,1\n", "1 insertion of 20 um, too few"),
+        ((HEADER + ROWS).replace(",", ";"), "columns are separated by semicolons; save it with commas"),
+        ((HEADER + ROWS).replace(",", "\t"), "columns are separated by tabs; save it with commas"),
     ],
 )
 def test_a_faulty_log_is_refused_with_file_place_fault_and_cure(tmp_path: Path, text: str | None, words: str) -> None:
@@ -229,9 +283,18 @@ def test_the_command_refuses_in_one_line(
     for more, words in (
         (("--law", "measured"), "one step tells no intercept"),
         (("--simulate", str(EXAMPLE)), "is there already"),
+        (("--depth", "50"), "--depth is about a simulated log"),
+        (("--filtered",), "--filtered is about a simulated log"),
     ):
         assert call(monkeypatch, "identify", str(log), "--out", str(out), *more) == 2
         said = capsys.readouterr().err
         assert words in said
         assert said.count("\n") == 1
         assert not out.exists()
+    other = str(tmp_path / "other.csv")
+    assert call(monkeypatch, "identify", other, "--out", str(out), "--simulate", str(EXAMPLE), "--depth", "1e6") == 2
+    assert "does not fit the 2050 um" in capsys.readouterr().err
+    out.write_text("law: measured")
+    assert call(monkeypatch, "identify", str(log), "--out", str(out)) == 2
+    assert "exists already, and is left as it is" in capsys.readouterr().err
+    assert out.read_text() == "law: measured"

@@ -1,6 +1,10 @@
 """The reproduction: what is kept, what is measured again, and what a report says."""
 
 import json
+import multiprocessing
+import os
+import signal
+import threading
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -13,7 +17,7 @@ from precision_interaction.reproduce import command, dependencies, store
 from precision_interaction.reproduce.command import measure_missing, reproduce
 from precision_interaction.reproduce.pages import report
 from precision_interaction.reproduce.pages.every import pages
-from precision_interaction.reproduce.pages.page import Page, Picture, Presentation, Table, Wanted
+from precision_interaction.reproduce.pages.page import Page, Picture, Presentation, Table, Wanted, duration
 from precision_interaction.reproduce.pages.statistics import cell, interval, quotient
 from precision_interaction.reproduce.row import Result, Row, Setting
 from precision_interaction.reproduce.store import Store
@@ -32,6 +36,8 @@ class Toy(Row):
     def measure(self, cell: str, setting: Setting) -> Result:
         if cell == "two" and (setting.examples / "broken").exists():
             raise NeuroroboError("the toy is broken; remove the file")
+        if cell == "two" and (setting.examples / "slow").exists():
+            time.sleep(600)
         return {"value": len(cell), "when": time.time()}
 
     def files(self, setting: Setting) -> Sequence[Path]:
@@ -73,6 +79,33 @@ def test_what_failed_is_named_and_what_is_done_is_kept(setting: Setting, tmp_pat
     with pytest.raises(NeuroroboError, match="the toy is broken"):
         measure_missing([Store(tmp_path, Toy(), setting)], setting, jobs=1)
     assert Store(tmp_path, Toy(), setting).missing() == ["two"]
+
+
+def test_an_interrupt_stops_at_once_and_says_what_is_kept(
+    setting: Setting, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "slow").touch()
+    kept = Store(tmp_path, Toy(), setting)
+    interrupted: list[float] = []
+
+    def interrupt_when_one_is_kept() -> None:
+        while not kept.file.exists():
+            time.sleep(0.05)
+        time.sleep(0.2)
+        interrupted.append(time.monotonic())
+        os.kill(os.getpid(), signal.SIGINT)
+
+    threading.Thread(target=interrupt_when_one_is_kept, daemon=True).start()
+    with pytest.raises(KeyboardInterrupt, match=r"1 of 2 cells are kept in .*; the same command goes on from there"):
+        measure_missing([kept], setting, jobs=2)
+    assert time.monotonic() - interrupted[0] < 5
+    for child in multiprocessing.active_children():
+        child.join(5)
+        assert not child.is_alive()
+    (tmp_path / "slow").unlink()
+    capsys.readouterr()
+    measure_missing([Store(tmp_path, Toy(), setting)], setting, jobs=1)
+    assert "1 of 2 cells are there from before; to be measured: 1" in capsys.readouterr().err
 
 
 def test_a_changed_file_or_scale_has_everything_measured_again(setting: Setting, tmp_path: Path) -> None:
@@ -249,6 +282,16 @@ def test_rows_have_names_of_their_own_and_are_listed() -> None:
     assert len(set(names)) == len(names)
     listed = CliRunner().invoke(reproduce, ["--list"])
     assert all(name in listed.output for name in names)
+
+
+def test_no_time_is_told_as_no_time() -> None:
+    assert [duration(seconds) for seconds in (0.01, 7.4, 59.4, 66, 924)] == [
+        "1 second",
+        "7 seconds",
+        "59 seconds",
+        "1.1 minutes",
+        "15.4 minutes",
+    ]
 
 
 def test_results_that_are_no_numbers_are_refused() -> None:

@@ -38,6 +38,16 @@ def test_every_cell_was_measured_by_a_commit(page: Page) -> None:
 
 
 @pytest.mark.parametrize("page", published, ids=lambda page: page.row.name)
+def test_the_list_tells_how_long_the_published_results_took(page: Page) -> None:
+    """Two cells at a time, each begun where one ends; within a half, as machines and their load differ."""
+    kept = json.loads((PUBLISHED / "results" / f"{page.row.name}.json").read_text())["cells"]
+    ends = [0.0, 0.0]
+    for cell in kept.values():
+        ends = [max(ends), min(ends) + cell["seconds"]]
+    assert 60 * page.minutes == pytest.approx(max(ends), rel=0.5, abs=5)
+
+
+@pytest.mark.parametrize("page", published, ids=lambda page: page.row.name)
 def test_the_results_are_of_this_code(page: Page) -> None:
     if missing := Store(PUBLISHED / "results", page.row, SETTING).missing():
         pytest.skip(f"{len(missing)} cells are of other code; before a release: {COMMAND} {page.row.name}")

@@ -1,3 +1,4 @@
+import re
 from collections.abc import Sequence
 
 import numpy as np
@@ -12,7 +13,9 @@ from precision_interaction.rig.insertion_task_config import InsertionTaskConfig
 from pydantic import ValidationError
 
 from neurorobo.bodies import Array, Supervisor
-from neurorobo.errors import NeuroroboError
+from neurorobo.config.plugged_reader import read_plugged
+from neurorobo.errors import ConfigError, NeuroroboError
+from neurorobo.plugins import Registry
 
 SECOND_NS = 1_000_000_000
 
@@ -289,3 +292,16 @@ def test_a_reset_of_some_episodes_starts_their_figures_anew() -> None:
     first, second = task.metrics()
     assert (first["steps"], first["max_force_mN"]) == (0, 0)
     assert (second["steps"], second["max_force_mN"]) == (1, 80)
+
+
+@pytest.mark.parametrize(
+    ("slopes", "message"),
+    [
+        (["1 mN/um", "2 mN/um"], "contact.mean_slope.2: is missing: the list has 2 values and needs more; add it"),
+        (["1 mN/um"] * 4, "contact.mean_slope: has 4 values, and takes at most 3; remove the rest"),
+    ],
+)
+def test_a_law_of_too_few_or_too_many_axes_is_refused_with_the_cure(slopes: list[str], message: str) -> None:
+    contact = {"law": "proportional", "mean_slope": slopes}
+    with pytest.raises(ConfigError, match=re.escape(message)):
+        read_plugged("body", {"type": "precision.insertion_rig", "contact": contact}, Registry.discover())

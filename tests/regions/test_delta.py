@@ -16,7 +16,7 @@ from neurorobo.config.plugged_reader import read_plugged
 from neurorobo.errors import ConfigError
 from neurorobo.graph.brain import Brain
 from neurorobo.graph.compile import compile_graph
-from neurorobo.graph.spec import StepSpec
+from neurorobo.graph.spec import RepeatSpec, StepSpec
 from neurorobo.plugins import Registry
 from neurorobo.regions import Port
 from neurorobo.regions.delta import DeltaDecoder, DeltaEncoder
@@ -167,3 +167,36 @@ def test_what_makes_no_sense_is_refused(setting: dict[str, Any], words: str) -> 
 def test_a_decoder_has_no_threshold_to_be_told_wrong() -> None:
     with pytest.raises(ConfigError, match="unknown key `threshold`"):
         read_plugged("region", {"type": "delta_decoder", "unit": "mN", "threshold": "1 mN"}, Registry())
+
+
+@pytest.mark.parametrize(
+    ("send", "receive", "repeat", "words"),
+    [
+        ({"every": "control"}, {"every": "fast"}, (), "would add the same change again"),
+        ({"every": "control"}, {"every": "fast", "change": "previous send.change"}, (), "add the same change again"),
+        ({}, {}, ("receive",), "would add the same change again"),
+        ({}, {}, ("send",), "would miss iterations"),
+        ({"every": "fast"}, {"change": "last send.change"}, (), "write `sum send.change`"),
+        ({"state": "fork"}, {}, (), "no step keeps the state of `sender`"),
+        ({}, {"state": "fresh"}, (), "no step keeps the state of `receiver`"),
+        ({}, {}, ("send", "receive"), None),
+        ({}, {"change": "previous send.change"}, (), None),
+    ],
+)
+def test_a_graph_in_which_changes_would_be_lost_or_added_twice_is_refused(
+    send: dict[str, str], receive: dict[str, str], repeat: tuple[str, ...], words: str | None
+) -> None:
+    regions = {"sender": DeltaEncoderConfig(unit="mN", threshold="0.5 mN"), "receiver": DeltaDecoderConfig(unit="mN")}
+    change = receive.pop("change", "send.change")
+    uses = {
+        "send": StepSpec("send", "sender", inputs={"value": "body.force"}, **send),  # type: ignore[arg-type]
+        "receive": StepSpec("receive", "receiver", inputs={"change": change}, **receive),  # type: ignore[arg-type]
+    }
+    steps: list[StepSpec | RepeatSpec] = [use for name, use in uses.items() if name not in repeat]
+    if repeat:
+        steps.insert(0 if "send" in repeat else 1, RepeatSpec(3, tuple(uses[name] for name in repeat)))
+    if words is None:
+        compile_graph(steps, {}, regions, CLOCK, {"force": Sensor("mN")}, {})
+        return
+    with pytest.raises(ConfigError, match=words):
+        compile_graph(steps, {}, regions, CLOCK, {"force": Sensor("mN")}, {})

@@ -2,16 +2,19 @@
 
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import pytest
 import torch
 import yaml
 from torch import Tensor
 
+from neurorobo.bodies import Sensor
 from neurorobo.clock import Clock
 from neurorobo.config.plugged_reader import read_plugged
 from neurorobo.errors import ConfigError
+from neurorobo.graph.compile import compile_graph
+from neurorobo.graph.spec import StepSpec
 from neurorobo.plugins import Registry
 from neurorobo.regions.config import checked_ports
 from neurorobo.regions.plastic_network import PlasticNetwork
@@ -63,6 +66,17 @@ def run(region: PlasticNetwork, windows: int, batch: int) -> tuple[Tensor, State
         outputs, state = region.step(inputs(region, window, batch), state)
         spikes.append(outputs["rate"])
     return torch.cat(spikes), state
+
+
+@pytest.mark.parametrize("state", ["fork", "fresh"])
+def test_a_graph_that_throws_away_all_that_is_learned_is_refused(state: Literal["fork", "fresh"]) -> None:
+    config = read(EVERY)
+    sensors = {name: Sensor(port.unit, port.width) for name, port in config.inputs(CLOCK).items()}
+    wires = {name: f"body.{name}" for name in sensors}
+    look = StepSpec("look", "network", state=state, inputs=wires)
+    with pytest.raises(ConfigError, match=r"no step keeps the state of `network`.*leave `state` out of a step"):
+        compile_graph([look], {}, {"network": config}, CLOCK, sensors, {})
+    compile_graph([look, StepSpec("act", "network", inputs=wires)], {}, {"network": config}, CLOCK, sensors, {})
 
 
 def test_it_keeps_the_contract_with_every_rule_and_every_kind_of_synapses() -> None:

@@ -42,6 +42,15 @@ def test_floats_come_back_bit_for_bit_with_the_notes(path: Path) -> None:
     assert metadata["signature"] == signature_hash(trained.config, CLOCK)
 
 
+def test_the_same_weights_and_notes_are_the_same_bytes(path: Path) -> None:
+    notes = {f"note {i}": "µ" * i for i in range(20)}
+    save_weights(net(1), path, notes)
+    once = path.read_bytes()
+    save_weights(net(1), path, dict(reversed(notes.items())))
+    assert path.read_bytes() == once
+    assert load_weights(net(2), path)["note 3"] == "µµµ"
+
+
 def test_fixed_point_comes_back_as_the_grid_says_each_tensor_on_its_own(path: Path) -> None:
     trained, fresh = net(1), net(2)
     name = "hidden.recurrent.weight"

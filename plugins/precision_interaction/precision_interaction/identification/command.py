@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
+from click.core import ParameterSource
 
 from neurorobo.errors import NeuroroboError
 
@@ -11,6 +12,8 @@ if TYPE_CHECKING:
     from precision_interaction.identification.analysis import Analysis
     from precision_interaction.identification.log import ContactLog
     from precision_interaction.rig.insertion_body_config import InsertionBodyConfig
+
+OF_SIMULATION = ("repetitions", "depth", "filtered", "seed")
 
 
 @click.command()
@@ -46,8 +49,17 @@ if TYPE_CHECKING:
 )
 @click.option("--filtered", is_flag=True, help="Read the simulated force as if its sensor were filtered.")
 @click.option("--seed", default=0, show_default=True, type=click.IntRange(0), help="Seed of the simulated body.")
+@click.pass_context
 def identify(
-    log: Path, out: Path, law: str, simulate: Path | None, repetitions: int, depth: float, filtered: bool, seed: int
+    context: click.Context,
+    log: Path,
+    out: Path,
+    law: str,
+    simulate: Path | None,
+    repetitions: int,
+    depth: float,
+    filtered: bool,
+    seed: int,
 ) -> None:
     """Fit the contact of a rig to LOG, a CSV or Parquet file with a row for each of many insertions.
 
@@ -57,15 +69,32 @@ def identify(
     """
     from neurorobo.files import write_whole
     from precision_interaction.identification.analysis import analyse
+    from precision_interaction.identification.doubts import doubts
     from precision_interaction.identification.fragment import as_yaml, contact_of
     from precision_interaction.identification.log import read_log, write_log
 
-    if simulate is not None:
+    if out.exists():
+        raise NeuroroboError(
+            f"{out} exists already, and is left as it is; remove it, or choose another place with `--out`"
+        )
+    if simulate is None:
+        given = [name for name in OF_SIMULATION if context.get_parameter_source(name) is ParameterSource.COMMANDLINE]
+        if given:
+            raise NeuroroboError(
+                f"--{given[0]} is about a simulated log, and {log} is read as it is; leave it out, or add "
+                "`--simulate EXPERIMENT`"
+            )
+    else:
         if log.exists():
             raise NeuroroboError(f"{log} is there already; remove it, or name another place for the simulated log")
-        from precision_interaction.identification.experiment import insert_and_withdraw
+        from precision_interaction.identification.experiment import STEPS_UM, insert_and_withdraw
 
         body = _body_of(simulate)
+        if depth + max(STEPS_UM) > body.length:
+            raise NeuroroboError(
+                f"--depth {depth:g}: from there, a step of {max(STEPS_UM):g} um does not fit the {body.length:g} um of "
+                f"{simulate}; take {body.length - max(STEPS_UM):g} or less"
+            )
         if filtered:
             body = body.model_copy(update={"force_resolution": 0.0})
         write_log(insert_and_withdraw(body, repetitions=repetitions, seed=seed, depth_um=depth), log)
@@ -82,12 +111,8 @@ def identify(
     comment = f"{_steps(found)} of {log.name}; put this under `body: contact:` of an experiment"
     write_whole(out, as_yaml(contact_of(analysis, fit), comment).encode())
     _print(analysis)
-    if analysis.coarse:
-        click.echo(
-            f"note: the log counts forces in {analysis.count_mN:.3g} mN, wider than the contact's own deviation at "
-            "some step; means are off by up to half of it and variances are too large there, so filter the sensor",
-            err=True,
-        )
+    for doubt in doubts(found, analysis, fit):
+        click.echo(f"note: {doubt}", err=True)
     click.echo(f"law       {fit.law}")
     click.echo(f"contact   {out}")
 

@@ -3,7 +3,7 @@
 import csv
 import re
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from io import StringIO
 from pathlib import Path
 from typing import Any
@@ -23,20 +23,25 @@ UNIT_OF = {name: name.rpartition("_")[2] for name in (STEP, *INCREMENTS)}
 LEAST_REPETITIONS = 10
 """Of a step: the variance of so few insertions is known to about a half."""
 
-LARGEST = 1e9
-"""No sensor reads so much, in any unit; a number that is larger is a fault of the log."""
+LARGEST = 1e6
+"""1 kN, or 1 m: what is larger is no force and no step of an insertion, but a fault of the log."""
+
+SEPARATORS = {";": "semicolons", "\t": "tabs", "|": "bars"}
+"""What other programs write between columns, and how it is called."""
 
 
 @dataclass(frozen=True)
 class ContactLog:
     """Insertions by the commanded step ``step_um`` (n,), and the force ``increment_mN`` (n, 2 or 3) that each added.
 
-    ``source`` names where they come from. Every step has at least ``LEAST_REPETITIONS``.
+    ``source`` names where they come from, and ``place`` where in it an insertion stands, by its number from 0. Every
+    step has at least ``LEAST_REPETITIONS``.
     """
 
     step_um: Array
     increment_mN: Array
     source: str
+    place: Callable[[int], str] = field(default=lambda row: f"row {row + 1}", compare=False, repr=False)
 
     def __post_init__(self) -> None:
         """Refuse a log without enough repetitions; a NeuroroboError names the source and the step."""
@@ -44,9 +49,10 @@ class ContactLog:
             raise NeuroroboError(f"{self.source}: no rows; log at least {LEAST_REPETITIONS} insertions of each step")
         for step, count in zip(*np.unique(self.step_um, return_counts=True), strict=True):
             if count < LEAST_REPETITIONS:
+                few = "1 insertion" if count == 1 else f"{count} insertions"
                 raise NeuroroboError(
-                    f"{self.source}: {count} insertions of {step:g} um are too few for a variance; log at least "
-                    f"{LEAST_REPETITIONS} of each step, under the step that was commanded"
+                    f"{self.source}: {few} of {step:g} um, too few for a variance; log at least {LEAST_REPETITIONS} of "
+                    "each step, under the step that was commanded"
                 )
 
     @property
@@ -76,7 +82,7 @@ def read_log(path: Path) -> ContactLog:
     for i, name in enumerate(names):
         for row, value in enumerate(columns[name]):
             numbers[row, i] = _number(value, f"{path}{place(row)}: {name}")
-    log = ContactLog(numbers[:, 0], numbers[:, 1:], str(path))
+    log = ContactLog(numbers[:, 0], numbers[:, 1:], str(path), lambda row: f"{path}{place(row)}")
     if (wrong := np.flatnonzero(numbers[:, 0] <= 0)).size:
         raise NeuroroboError(
             f"{path}{place(int(wrong[0]))}: {STEP} is {numbers[wrong[0], 0]:g}; log insertions only, as lengths above 0"
@@ -130,6 +136,11 @@ def _wanted(path: Path, found: Sequence[str]) -> list[str]:
         for other in found:
             if name not in found and re.fullmatch(rf"{stem}(_\w+)?", other):
                 raise NeuroroboError(f"{path}: the column {other} is not in {unit}; convert it and call it {name}")
+    if len(found) == 1 and (separator := next((sign for sign in SEPARATORS if sign in found[0]), None)):
+        raise NeuroroboError(
+            f"{path}: its columns are separated by {SEPARATORS[separator]}; save it with commas between the columns, "
+            "and with points in decimals (1.5, not 1,5)"
+        )
     if missing := [name for name in REQUIRED if name not in found]:
         raise NeuroroboError(
             f"{path}: no column {', '.join(missing)}; a log has a row for each insertion and the columns "
@@ -146,5 +157,6 @@ def _number(value: object, place: str) -> float:
         number = np.nan
     if not abs(number) < LARGEST:
         shown = "nothing" if value is None or value == "" else repr(value)
-        raise NeuroroboError(f"{place} is {shown}, not a number below {LARGEST:g}; correct or remove the row")
+        wrong = f"beyond {LARGEST:.0f}" if np.isfinite(number) else "not a number"
+        raise NeuroroboError(f"{place} is {shown}, {wrong}; correct or remove the row")
     return number

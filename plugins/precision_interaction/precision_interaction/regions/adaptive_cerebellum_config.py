@@ -18,6 +18,7 @@ class AdaptiveCerebellumConfig(CerebellumConfig):
     """
 
     implementation: ClassVar[str] = "precision_interaction.regions.adaptive_cerebellum:AdaptiveCerebellum"
+    accumulates: ClassVar[bool] = True
 
     type: Literal["precision.adaptive_cerebellum"] = "precision.adaptive_cerebellum"  # type: ignore[assignment]
     carry: Literal["always"] = "always"

@@ -19,6 +19,7 @@ class AdaptiveHippocampusConfig(HippocampusConfig):
     """
 
     implementation: ClassVar[str] = "precision_interaction.regions.adaptive_hippocampus:AdaptiveHippocampus"
+    accumulates: ClassVar[bool] = True
     not_in_signature: ClassVar[frozenset[str]] = HippocampusConfig.not_in_signature | {
         "learning_rate",
         "variance_learning_rate",

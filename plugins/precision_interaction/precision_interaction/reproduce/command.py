@@ -1,9 +1,11 @@
 """The command ``neurorobo reproduce``."""
 
+import signal
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import closing, contextmanager
 from importlib.util import find_spec
 from multiprocessing import get_context
 from pathlib import Path
@@ -12,6 +14,7 @@ import click
 
 from neurorobo.errors import NeuroroboError
 from precision_interaction.reproduce.pages.every import pages
+from precision_interaction.reproduce.pages.page import duration
 from precision_interaction.reproduce.row import Result, Row, Setting
 from precision_interaction.reproduce.store import Store, as_json
 
@@ -50,7 +53,7 @@ def reproduce(
     known = {page.row.name: page for page in pages()}
     if list_rows:
         for name, page in known.items():
-            click.echo(f"{name:12} {page.minutes:5.0f} min  {page.paper:22} {page.title}")
+            click.echo(f"{name:12} {duration(60 * page.minutes):>12}  {page.paper:22} {page.title}")
         return
     if unknown := [name for name in names if name not in known]:
         raise NeuroroboError(f"there is no row `{unknown[0]}`; there are: {', '.join(known)}")
@@ -60,9 +63,15 @@ def reproduce(
         raise NeuroroboError(
             "the report's pictures need matplotlib; pip install 'neurorobo-precision-interaction[report]'"
         )
+    chosen = [known[name] for name in names] if names else list(known.values())
+    for page in chosen:
+        if page.package is not None and find_spec(page.package) is None:
+            raise NeuroroboError(
+                f"the row `{page.row.name}` needs {page.package}; "
+                f"pip install 'neurorobo-precision-interaction[{page.package}]', or name the other rows"
+            )
     folder = out or Path("runs") / ("reproduce-quick" if quick else "reproduce")
     setting = Setting(examples.resolve(), quick)
-    chosen = [known[name] for name in names] if names else list(known.values())
     stores = [Store(folder / "results", page.row, setting) for page in chosen]
     measure_missing(stores, setting, jobs)
     from precision_interaction.reproduce.pages.report import write_report
@@ -80,19 +89,32 @@ def reproduce(
 def measure_missing(stores: Sequence[Store], setting: Setting, jobs: int) -> None:
     """Measure all cells that are missing, and keep each as soon as it is there; several at once, or here with one job.
 
-    Raises what a cell does; all others that were finished are kept.
+    Raises what a cell does; all others that were finished are kept. A KeyboardInterrupt says how many there are.
     """
     waiting = [(store, cell) for store in stores for cell in store.missing()]
-    started = time.monotonic()
+    cells = sum(len(store.row.cells(setting)) for store in stores)
+    if waiting and (before := cells - len(waiting)):
+        click.echo(f"{before} of {cells} cells are there from before; to be measured: {len(waiting)}", err=True)
+    started, done = time.monotonic(), 0
     measured = _here(waiting, setting) if jobs == 1 else _side_by_side(waiting, setting, jobs)
-    for done, ((store, cell), (result, seconds)) in enumerate(measured, start=1):
-        store.add(cell, result, seconds)
-        minutes = (time.monotonic() - started) / 60
-        words = f"{store.row.name}, {cell}: {seconds:.0f} s  ({minutes:.1f} min so far)"
-        click.echo(f"{done} of {len(waiting)}: {words}", err=True)
+    try:
+        with closing(measured):
+            for (store, cell), (result, seconds) in measured:
+                store.add(cell, result, seconds)
+                done += 1
+                minutes = (time.monotonic() - started) / 60
+                words = f"{store.row.name}, {cell}: {seconds:.0f} s  ({minutes:.1f} min so far)"
+                click.echo(f"{done} of {len(waiting)}: {words}", err=True)
+    except KeyboardInterrupt:
+        kept, folder = cells - len(waiting) + done, waiting[0][0].folder
+        raise KeyboardInterrupt(
+            f"{kept} of {cells} cells are kept in {folder}; the same command goes on from there"
+            if kept
+            else "no cell was finished yet"
+        ) from None
 
 
-def _here(waiting: Sequence[Waiting], setting: Setting) -> Iterator[tuple[Waiting, Measured]]:
+def _here(waiting: Sequence[Waiting], setting: Setting) -> Generator[tuple[Waiting, Measured]]:
     import torch
 
     threads = torch.get_num_threads()
@@ -104,10 +126,11 @@ def _here(waiting: Sequence[Waiting], setting: Setting) -> Iterator[tuple[Waitin
         torch.set_num_threads(threads)
 
 
-def _side_by_side(waiting: Sequence[Waiting], setting: Setting, jobs: int) -> Iterator[tuple[Waiting, Measured]]:
+def _side_by_side(waiting: Sequence[Waiting], setting: Setting, jobs: int) -> Generator[tuple[Waiting, Measured]]:
     """Yield what is measured, in the order in which it ends; processes end with this generator."""
     with ProcessPoolExecutor(min(jobs, max(1, len(waiting))), get_context("spawn"), _begin) as pool:
-        futures = {pool.submit(_measure, type(one[0].row), one[1], setting): one for one in waiting}
+        with _not_interrupted():  # processes inherit it, and are not torn out of their imports by Ctrl-C
+            futures = {pool.submit(_measure, type(one[0].row), one[1], setting): one for one in waiting}
         try:
             for future in as_completed(futures):
                 store, cell = futures[future]
@@ -117,19 +140,27 @@ def _side_by_side(waiting: Sequence[Waiting], setting: Setting, jobs: int) -> It
                     fault = f"{store.row.name}, {cell}: the process ended; is there enough memory?"
                     raise NeuroroboError(fault) from None
         except BaseException:
+            processes = list((pool._processes or {}).values())  # the pool forgets them as it shuts down
             pool.shutdown(wait=False, cancel_futures=True)
-            for process in list((pool._processes or {}).values()):
+            for process in processes:
                 process.terminate()
             raise
 
 
-def _begin() -> None:
-    """Prepare a process: one thread, and Ctrl-C is for the parent."""
-    import signal
+@contextmanager
+def _not_interrupted() -> Iterator[None]:
+    """Ignore Ctrl-C while the block runs, and in processes that it starts; Ctrl-C is for the parent."""
+    handler = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, handler)
 
+
+def _begin() -> None:
+    """Prepare a process: one thread."""
     import torch
 
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
     torch.set_num_threads(1)
 
 

@@ -1,7 +1,7 @@
 """How Fig. 11 to 13 and Table I are shown."""
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -48,7 +48,7 @@ def present(results: Mapping[str, Result], setting: Setting) -> Presentation:
         Picture(
             name,
             f"{paper}: {case}, seed {TRACE_SEED}. Left: distance covered and axial speed. Right: radial force and "
-            "radial move of each period.",
+            "radial move. Distance and force are those at the start of each period, moves and speeds hold for one.",
             _drawing(results[case]["trace"]),
             (7.5, 4.2),
         )
@@ -62,17 +62,19 @@ def _drawing(trace: Sequence[Sequence[float]]) -> Callable[["Figure"], None]:
 
     def draw(figure: "Figure") -> None:
         time, remaining, speed, force_x, force_y, move_x, move_y = np.asarray(trace).T
+        edges = np.append(time, 2 * time[-1] - time[-2])  # what is commanded holds for a period, the last one too
+        held: dict[str, Any] = {"baseline": None, "linewidth": 1.4}
         panels = figure.subplots(2, 2, sharex=True)
-        panels[0, 0].step(time, remaining[0] - remaining, where="post")
+        panels[0, 0].plot(time, remaining[0] - remaining)
         panels[0, 0].set_ylabel("distance, µm")
-        panels[1, 0].step(time, speed, where="post")
+        panels[1, 0].stairs(speed, edges, **held)
         panels[1, 0].set_ylabel("axial speed, µm/s")
         panels[0, 1].plot(time, force_x, label="x")
         panels[0, 1].plot(time, force_y, label="y")
         panels[0, 1].set_ylabel("radial force, mN")
         panels[0, 1].legend(loc="lower left", bbox_to_anchor=(0, 1), ncols=2)
-        panels[1, 1].step(time, move_x, where="post")
-        panels[1, 1].step(time, move_y, where="post")
+        panels[1, 1].stairs(move_x, edges, **held)
+        panels[1, 1].stairs(move_y, edges, color="C1", **held)
         panels[1, 1].set_ylabel("radial move, µm")
         for panel in panels[1]:
             panel.set_xlabel("time, s")
@@ -84,6 +86,6 @@ PAGE = Page(
     Assembly(),
     title="Assembly by the brain and by two other methods",
     paper="Fig. 11-13, Table I",
-    minutes=1,
+    minutes=1.2,
     present=present,
 )

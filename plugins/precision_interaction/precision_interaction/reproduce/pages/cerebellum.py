@@ -244,6 +244,6 @@ PAGE = Page(
     Cerebellum(),
     title="The cerebellum and PID controllers compensate a radial force",
     paper="Fig. 6",
-    minutes=35,
+    minutes=33,
     present=present,
 )

@@ -133,6 +133,6 @@ PAGE = Page(
     Codes(),
     title="Input codes compared",
     paper="Sec. IV-A",
-    minutes=2,
+    minutes=1.3,
     present=present,
 )

@@ -168,6 +168,6 @@ PAGE = Page(
     Contact(),
     title="The contact of an insertion, identified",
     paper="Fig. 9-10",
-    minutes=0.1,
+    minutes=0.02,
     present=present,
 )

@@ -150,5 +150,5 @@ def _draw(regions: Mapping[str, Any]) -> Callable[["Figure"], None]:
 
 
 PAGE = Page(
-    FiringRates(), title="Firing rates, synaptic operations and energy", paper="Fig. 7", minutes=0.5, present=present
+    FiringRates(), title="Firing rates, synaptic operations and energy", paper="Fig. 7", minutes=0.05, present=present
 )

@@ -65,14 +65,14 @@ def present(results: Mapping[str, Result], setting: Setting) -> Presentation:
         wanted.at_most(f"{DOUBLE}, {LONG}: error for n = {n}", found, most)
         wanted.at_most(f"{DOUBLE}, {LONG}: error of the worst seed for n = {n}", worst, most)
         wanted.at_most(f"{DOUBLE}, {LONG}: error for n = {n}, aim", found, aim)
-    for n in range(TRAINED_PERIODS):
-        paper = sorted(NETWORKS, key=lambda name: NETWORKS[name].paper[n])
-        for course in (LONG, FALLING):
-            ours = sorted(NETWORKS, key=lambda name: _mean(of(name, course), n))
-            what = f"{course}: the order for n = {n + 1} is {' < '.join(ours)}, in the paper {' < '.join(paper)}"
-            wanted.that(what, ours == paper)
+    for course in (LONG, FALLING):
+        other = [f"{n + 1}" for n in range(TRAINED_PERIODS) if _order(of, course, n) != _order_of_paper(n)]
+        wanted.that(
+            f"course `{course}`: the order is not the paper's for n = {', '.join(other)} (see above)", not other
+        )
     tables = [
         _networks_table(of),
+        _orders_table(of),
         _courses_table(of),
         _beyond_table(of),
         _seeds_table(of, seeds),
@@ -146,6 +146,28 @@ def _networks_table(of: Of) -> Table:
         f"variances in mN²): means over training seeds with 95 % intervals from a bootstrap. *Ours* is the "
         f"course `{LONG}`; `{FALLING}` is the paper's, as far as it is printed.",
     )
+
+
+def _order(of: Of, course: str, n: int) -> list[str]:
+    """Return the networks, the most accurate one first."""
+    return sorted(NETWORKS, key=lambda name: _mean(of(name, course), n))
+
+
+def _order_of_paper(n: int) -> list[str]:
+    return sorted(NETWORKS, key=lambda name: NETWORKS[name].paper[n])
+
+
+def _orders_table(of: Of) -> Table:
+    lines = [
+        [str(n + 1), whose, *order]
+        for n in range(TRAINED_PERIODS)
+        for whose, order in (
+            ("paper", _order_of_paper(n)),
+            *((f"course `{course}`", _order(of, course, n)) for course in (LONG, FALLING)),
+        )
+    ]
+    heads = ("n", "whose", *(f"{rank}." for rank in range(1, len(NETWORKS) + 1)))
+    return Table(heads, lines, "The order of the networks, the most accurate one first.")
 
 
 def _courses_table(of: Of) -> Table:
@@ -300,6 +322,6 @@ PAGE = Page(
     Fig5(),
     title="Five networks expect the contact",
     paper="Fig. 5",
-    minutes=30,
+    minutes=23,
     present=present,
 )

@@ -99,4 +99,4 @@ def _drawing(results: Mapping[str, Result]) -> Callable[["Figure"], None]:
     return draw
 
 
-PAGE = Page(Learning(), title="Learning from scratch", paper="Sec. VI-A", minutes=20, present=present)
+PAGE = Page(Learning(), title="Learning from scratch", paper="Sec. VI-A", minutes=13, present=present)

@@ -129,6 +129,7 @@ PAGE = Page(
     MujocoInsertion(),
     title="A rig whose contact MuJoCo solves",
     paper="Beyond the paper",
-    minutes=3,
+    minutes=1.6,
+    package="mujoco",
     present=present,
 )

@@ -43,7 +43,8 @@ class Presentation:
 class Page:
     """A row, its title, what it is in the paper, how long it takes on two cores, and what shows its results.
 
-    ``present`` is given the results of all cells, by name.
+    ``minutes`` are those of the published results, two cells at a time. ``present`` is given the results of all cells,
+    by name. ``package`` is what its row imports beyond the plugin's dependencies; the plugin has an extra of that name.
     """
 
     row: Row
@@ -51,6 +52,15 @@ class Page:
     paper: str
     minutes: float
     present: Callable[[Mapping[str, Result], Setting], Presentation]
+    package: str | None = None
+
+
+def duration(seconds: float) -> str:
+    """Return a time in minutes, or in seconds where minutes would say little: `15.4 minutes`, `2 seconds`."""
+    if seconds >= 60:
+        return f"{seconds / 60:.1f} minutes"
+    whole = max(1, round(seconds))
+    return f"{whole} second{'s' if whole > 1 else ''}"
 
 
 @dataclass

@@ -6,7 +6,7 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from precision_interaction.reproduce.pages.page import Page, Presentation, Table
+from precision_interaction.reproduce.pages.page import Page, Presentation, Table, duration
 from precision_interaction.reproduce.pages.plotting import save
 from precision_interaction.reproduce.row import Setting
 from precision_interaction.reproduce.store import Store
@@ -32,7 +32,7 @@ def write_report(folder: Path, rows: Sequence[tuple[Page, Store]], setting: Sett
     for page, store in rows:
         shown = page.present(store.results(), setting)
         about = (
-            f"`neurorobo reproduce {store.row.name}`: {store.seconds() / 60:.1f} minutes of one processor, "
+            f"`neurorobo reproduce {store.row.name}`: {duration(store.seconds())} of one processor, "
             f"commit {', '.join(store.provenance())}."
         )
         markdown = [f"## {page.paper}: {page.title}", *shown.words]
