@@ -12,15 +12,27 @@ def neurorobo_register(registry: Registrar) -> None:
 
 def _register_path_memory(registry: Registrar) -> None:
     package = "neurorobo_paradigms.path_memory"
-    for kind, name, target, summary in (
-        ("body", "arena", "arena_config:ArenaConfig", "an agent that is led along paths, and then walks alone"),
-        ("task", "path_recall", "path_recall_config:PathRecallConfig", "walk each path alone, place by place"),
-        ("region", "liquid", "liquid_config:LiquidConfig", "a random recurrent spiking network that remembers"),
-        (
-            "region",
-            "least_squares_readout",
-            "readout_config:LeastSquaresReadoutConfig",
-            "a weighted sum of filtered spikes, learned at once by recursive least squares",
-        ),
-    ):
-        registry.add(kind, f"paradigms.{name}", f"{package}.{target}", summary)
+    registry.add(
+        "body",
+        "paradigms.arena",
+        f"{package}.arena_config:ArenaConfig",
+        "an agent that is led along paths, and then walks alone",
+    )
+    registry.add(
+        "task",
+        "paradigms.path_recall",
+        f"{package}.path_recall_config:PathRecallConfig",
+        "walk each path alone, from place to place",
+    )
+    registry.add(
+        "region",
+        "paradigms.liquid",
+        f"{package}.liquid_config:LiquidConfig",
+        "a random recurrent spiking network that remembers what it heard",
+    )
+    registry.add(
+        "region",
+        "paradigms.least_squares_readout",
+        f"{package}.readout_config:LeastSquaresReadoutConfig",
+        "a weighted sum of filtered spikes, learned at once by recursive least squares",
+    )

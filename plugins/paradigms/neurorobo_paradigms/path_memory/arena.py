@@ -58,9 +58,8 @@ class Agent:
     @property
     def over(self) -> bool:
         """Whether the present run has ended; the next one begins with the next motion."""
-        lasts_s = (
-            self.path.length_m / self.config.speed * (self.config.recall_time if self.run.kind == "alone" else 1.0)
-        )
+        times = self.config.recall_time if self.run.kind == "alone" else 1.0
+        lasts_s = times * self.path.length_m / self.config.speed
         return (self.elapsed_ns - self.config.cue) * 1e-9 >= lasts_s - 1e-9
 
     @property
@@ -115,10 +114,10 @@ class Agent:
 class Arena(Body):
     """A batch of agents, each in an arena of its own; places are in m, each an array (batch, 2).
 
-    Alone, an agent walks towards its goal, ``v = (goal - place) / horizon``, at up to 1.5 times the speed at which it is
-    led. A leash adds ``leash * (p - place)``, where the point p moves along the path at that speed. Led, it has the
-    velocity of p in place of its own. Led or guided, it is told by how much its goal differs from where p will be after
-    the horizon. A disturbance adds to the velocity: an Ornstein-Uhlenbeck process with a time constant of 0.5 s.
+    Alone, an agent walks towards its goal, ``v = (goal - place) / horizon``, at up to 1.5 times the speed at which it
+    is led. A leash adds ``leash * (p - place)``, where the point p moves along the path at that speed. Led, it has the
+    velocity of p in place of its own. Led or guided, it is told by how much its goal differs from where p will be
+    after the horizon. A disturbance adds to the velocity: an Ornstein-Uhlenbeck process with a time constant of 0.5 s.
     """
 
     def __init__(self, config: ArenaConfig) -> None:

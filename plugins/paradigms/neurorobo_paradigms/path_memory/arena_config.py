@@ -31,9 +31,9 @@ class DrawnPaths(BaseModel):
 class ArenaConfig(BodyConfig):
     """A square arena, in which an agent is led along paths, guided along them, and then walks them alone.
 
-    An episode is a sequence of runs, of which each takes all paths in turn: ``led_runs`` times it is led, that is, moved;
-    ``guided_runs`` times it walks by itself on a leash, and at last once without. Each way along a path begins with the
-    ``cue``: the agent is held at the start.
+    An episode is a sequence of runs, each of which takes all paths in turn: ``led_runs`` times it is led, that is,
+    moved; ``guided_runs`` times it walks by itself on a leash, and at last once without. Each way along a path begins
+    with the ``cue``: the agent is held at the start.
     """
 
     implementation: ClassVar[str] = "neurorobo_paradigms.path_memory.arena:Arena"
@@ -56,7 +56,7 @@ class ArenaConfig(BodyConfig):
         description="The speed at which it is drawn back to the path, for each metre it is off, unless alone.",
     )
     disturbance: Annotated[float, Unit("m/s", ge=0)] = Field(
-        default=0.05, description="What pushes it about, unless it is alone: standard deviation, of either axis."
+        default=0.1, description="What pushes it about, unless it is alone: standard deviation, of either axis."
     )
     recall_disturbance: Annotated[float, Unit("m/s", ge=0)] = Field(
         default=0.0, description="The same while it walks alone."

@@ -34,7 +34,7 @@ class LiquidConfig(RegionConfig):
         default=0.6, ge=0, description="Excitatory weights among neurons, likewise; at 0 there is no recurrence."
     )
     inhibition: float = Field(
-        default=8.0, ge=0, description="Inhibitory weights among neurons, in multiples of the excitatory ones."
+        default=12.0, ge=0, description="Inhibitory weights among neurons, in multiples of the excitatory ones."
     )
     membrane: Annotated[Duration, Field(gt=0)] = Field(
         default=50_000_000, description="The time constant of the membranes."

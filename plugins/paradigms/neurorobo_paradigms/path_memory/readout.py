@@ -68,8 +68,9 @@ class LeastSquaresReadout(Plastic):
         if not error.any():
             return state["weight"], state["inverse"]
         heard = state["filtered"]
-        spread = torch.einsum("bij,bj->bi", state["inverse"], heard)
+        spread = (state["inverse"] @ heard.unsqueeze(2)).squeeze(2)
         gain = spread / (1 + (heard * spread).sum(1, keepdim=True))
         gain = gain * error.any(1, keepdim=True)
         weight = state["weight"] + error.unsqueeze(2) * gain.unsqueeze(1)
-        return weight, state["inverse"] - gain.unsqueeze(2) * spread.unsqueeze(1)
+        inverse = torch.baddbmm(state["inverse"], gain.unsqueeze(2), spread.unsqueeze(1), alpha=-1)
+        return weight, inverse
