@@ -45,7 +45,7 @@ class ArenaConfig(BodyConfig):
         description="Each path as a list of places [x, y] in parts of the side, or what is drawn from the seed.",
     )
     led_runs: int = Field(default=1, ge=0, description="How often it is led along each path.")
-    guided_runs: int = Field(default=4, ge=0, description="How often it then walks along each path on the leash.")
+    guided_runs: int = Field(default=6, ge=0, description="How often it then walks along each path on the leash.")
     speed: Annotated[float, Unit("m/s", gt=0)] = Field(default=0.3, description="How fast it is led.")
     cue: Annotated[Duration, Field(gt=0)] = Field(default=500_000_000, description="How long it is held at a start.")
     horizon: Annotated[Duration, Field(gt=0)] = Field(
