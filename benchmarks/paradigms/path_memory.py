@@ -79,8 +79,8 @@ GROUPS: Mapping[str, Mapping[str, Sequence[str]]] = {
     "corridor, m": {str(length): [corridor(length)] for length in (0.1, 0.3, 0.5)},
     "waypoints": {str(n): [f"body.paths={{waypoints: {n}}}"] for n in (4, 8, 12)},
     "waypoints, no recurrence": {str(n): [f"body.paths={{waypoints: {n}}}", NO_RECURRENCE] for n in (4, 8, 12)},
-    "paths": {str(n): [f"body.paths={{number: {n}, waypoints: 8}}"] for n in (2,)},
-    "pushed, m/s": {str(v): [f"body.recall_disturbance={v} m/s"] for v in (0.1, 0.2)},
+    "paths": {str(n): [f"body.paths={{number: {n}, waypoints: 8}}"] for n in (2, 3)},
+    "pushed, m/s": {str(v): [f"body.recall_disturbance={v} m/s"] for v in (0.02, 0.05, 0.1)},
     "put off the start, m": {str(d): [f"body.start_offset={d} m"] for d in (0.05, 0.1)},
     "sensor noise, m": {str(d): [f"body.sensor_noise={d} m"] for d in (0.01, 0.02)},
 }
@@ -214,14 +214,16 @@ def draw(result: Mapping[str, Any], file: Path) -> None:
         none = {"0": groups["figure of eight"]["as in the file"]}
         for number, (group, name) in enumerate(disturbed.items()):
             reached(panels[1, 2], {**none, **groups[group]}, f"{name} ({group[-3:].strip(' ,')})", COLOURS[number])
+        panels[1, 1].set_xticks([1, *(int(number) for number in groups["paths"])])
         panels[1, 2].set_title("f  the figure of eight, disturbed", loc="left")
         panels[1, 2].set_xlabel("disturbance")
         for axes in (panels[0, 2], *panels[1]):
             axes.set_ylim(-0.03, 1.05)
+            axes.set_xlim(left=0)
             axes.set_ylabel("share of waypoints reached")
             axes.spines[["top", "right"]].set_visible(False)
             if len(axes.lines) > 1:
-                axes.legend(frameon=False)
+                axes.legend(frameon=False, loc="lower left")
         figure.savefig(file, metadata={"Date": None})
 
 
