@@ -1,6 +1,6 @@
 """How well the liquid state machine of ``examples/path_memory.yaml`` recalls paths, and where it fails.
 
-Run ``python benchmarks/paradigms/path_memory.py`` (about ten minutes on one core). The seeds 0 to 4 draw the network,
+Run ``python benchmarks/paradigms/path_memory.py`` (about ten minutes of one core). The seeds 0 to 4 draw the network,
 the disturbances and, where they are not given, the paths. Beside itself it writes ``path_memory.json`` with every run,
 and from it ``path_memory.svg`` and the table of ``docs/how_to/remember_a_path.md``; ``--draw`` does the latter alone.
 """
@@ -210,10 +210,10 @@ def draw(result: Mapping[str, Any], file: Path) -> None:
                 reached(axes, {**more.get(group, {}), **groups[group]}, name, COLOURS[number])
             axes.set_title(title, loc="left")
             axes.set_xlabel(unit)
-        disturbed = {"pushed, m/s": "pushed", "put off the start, m": "put off the start", "sensor noise, m": "noisy"}
+        disturbed = {"pushed, m/s": "pushed, m/s", "put off the start, m": "put off, m", "sensor noise, m": "noise, m"}
         none = {"0": groups["figure of eight"]["as in the file"]}
         for number, (group, name) in enumerate(disturbed.items()):
-            reached(panels[1, 2], {**none, **groups[group]}, f"{name} ({group[-3:].strip(' ,')})", COLOURS[number])
+            reached(panels[1, 2], {**none, **groups[group]}, name, COLOURS[number])
         panels[1, 1].set_xticks([1, *(int(number) for number in groups["paths"])])
         panels[1, 2].set_title("f  the figure of eight, disturbed", loc="left")
         panels[1, 2].set_xlabel("disturbance")
@@ -223,7 +223,8 @@ def draw(result: Mapping[str, Any], file: Path) -> None:
             axes.set_ylabel("share of waypoints reached")
             axes.spines[["top", "right"]].set_visible(False)
             if len(axes.lines) > 1:
-                axes.legend(frameon=False, loc="lower left")
+                axes.legend(frameon=False, loc="lower left" if axes is not panels[1, 2] else "upper right")
+        panels[1, 2].set_xlim(0, 0.19)
         figure.savefig(file, metadata={"Date": None})
 
 
