@@ -93,6 +93,15 @@ def test_neurons_learn_to_fire_more_by_a_reward_that_comes_late(tmp_path: Path) 
     assert other_later < 1.1 * other
 
 
+def test_a_path_is_walked_alone_after_an_agent_was_led_along_it(tmp_path: Path) -> None:
+    """A bend of three stretches, in place of the figure of eight."""
+    bend = "body.paths=[[[0.2, 0.2], [0.5, 0.2], [0.6, 0.45], [0.4, 0.6]]]"
+    summary = run(tmp_path, "path_memory.yaml", "--seed", "1000", "--set", bend)
+    (episode,) = summary["episodes"]  # type: ignore[misc]
+    assert episode["waypoints_reached"] == episode["success"] == 1.0
+    assert episode["deviation_m"] < 0.05
+
+
 @pytest.mark.parametrize(
     ("file", "least"), [("pendulum.yaml", -500.0), pytest.param("double_pendulum.yaml", 5000.0, marks=needs_mujoco)]
 )

@@ -8,12 +8,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from neurorobo.config.experiment import load_experiment
 from neurorobo.experiment.build import build_brain, build_task
 from neurorobo.experiment.recorder import Setting
 
 PROJECT = Path(__file__).parents[1]
 FOLDER = PROJECT / "benchmarks" / "assembly"
 FIGURES = runpy.run_path(str(FOLDER / "figures.py"))
+PATHS = PROJECT / "benchmarks" / "paradigms"
 LATEST = json.loads((FOLDER / "latest.json").read_text())["rows"]
 
 
@@ -59,3 +61,14 @@ def test_interventions_are_counted_for_every_actuator_and_when_they_happen() -> 
     tick(40.0, [1, 0, 0], [0, 0, 0])
     assert recorder.all.tolist() == [2, 1, 0]
     assert recorder.early.tolist() == [1, 1, 0]
+
+
+def test_the_page_on_path_memory_shows_the_latest_figures() -> None:
+    """Where this fails, measure anew: `python benchmarks/paradigms/path_memory.py`."""
+    benchmark = runpy.run_path(str(PATHS / "path_memory.py"))
+    result, page = json.loads((PATHS / "path_memory.json").read_text()), benchmark["PAGE"].read_text()
+    assert benchmark["into_page"](page, result) == page
+    assert {group: [*labels] for group, labels in result["groups"].items()} == {
+        group: [*labels] for group, labels in benchmark["GROUPS"].items()
+    }
+    assert result["config_hash"] == load_experiment(benchmark["EXAMPLE"]).config_hash
