@@ -19,6 +19,7 @@ class LeastSquaresReadoutConfig(RegionConfig):
     """
 
     implementation: ClassVar[str] = "neurorobo_paradigms.path_memory.readout:LeastSquaresReadout"
+    accumulates: ClassVar[bool] = True
 
     type: Literal["paradigms.least_squares_readout"] = "paradigms.least_squares_readout"
     carry: Literal["always"] = Field(default="always", description="How long the state lives: always, as it learns.")
