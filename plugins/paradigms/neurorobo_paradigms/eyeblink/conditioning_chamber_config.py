@@ -83,7 +83,7 @@ class ConditioningChamberConfig(BodyConfig):
         """What is heard and felt."""
         return {
             "tone": Sensor("1", 1, 0.0, 1.0, 1.0, "Whether the tone sounds."),
-            "puff": Sensor("1", 1, 0.0, 1.0, description="How much of the puff is felt: the part of the eye not covered."),
+            "puff": Sensor("1", 1, 0.0, 1.0, description="How much of the puff is felt, by what is open of the eye."),
             "closure": Sensor("1", 1, 0.0, 1.0, description="How far the eye is shut, 1 being wholly."),
         }
 
