@@ -1,9 +1,9 @@
 """Eyeblink conditioning of a spiking cerebellum: acquisition, timing, extinction and savings, and their controls.
 
-Run ``python benchmarks/paradigms/eyeblink.py`` (MINUTES minutes on one core). It runs ``examples/eyeblink.yaml`` once for each
-animal, which is a wiring of its own (seeds 0 to 4; no setting was chosen on them), and each condition. Beside itself it
-writes what was found, ``eyeblink.json``, and what the documentation shows of it, ``eyeblink.md`` and ``eyeblink.svg``;
-``--draw`` writes these two again from the first.
+Run ``python benchmarks/paradigms/eyeblink.py`` (MINUTES minutes on one core). It runs ``examples/eyeblink.yaml`` once
+for each animal, which is a wiring of its own (seeds 0 to 4; no setting was chosen on them), and each condition. Beside
+itself it writes what was found, ``eyeblink.json``, and what the documentation shows of it, ``eyeblink.md`` and
+``eyeblink.svg``; ``--draw`` writes these two again from the first.
 """
 
 import argparse
@@ -12,13 +12,14 @@ import os
 import sys
 import time
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from itertools import groupby
 from pathlib import Path
 from statistics import fmean
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
@@ -27,13 +28,15 @@ sys.path.insert(0, str(ROOT / "benchmarks"))
 os.environ["OMP_NUM_THREADS"] = "1"
 
 from machine import machine  # noqa: E402
-from neurorobo_paradigms.eyeblink.eyeblink_task import Trial  # noqa: E402
+from neurorobo_paradigms.eyeblink.conditioning_chamber import ConditioningChamber  # noqa: E402
+from neurorobo_paradigms.eyeblink.eyeblink_task import EyeblinkTask, Trial  # noqa: E402
 
-from neurorobo.bodies import Array  # noqa: E402
+from neurorobo.bodies import Array, Body  # noqa: E402
 from neurorobo.config.experiment import load_experiment  # noqa: E402
 from neurorobo.experiment.build import build_brain, build_task  # noqa: E402
 from neurorobo.experiment.closed_loop import run_episodes  # noqa: E402
 from neurorobo.experiment.recorder import Sample  # noqa: E402
+from neurorobo.tasks.task import Flags, Task  # noqa: E402
 
 BLOCK = 10
 """Trials with a tone, of which a share is taken."""
@@ -50,57 +53,132 @@ NO_NUCLEAR = "regions.cerebellum.layers.nuclei.synapses.mossy.learns.0.learning_
 
 @dataclass(frozen=True)
 class Condition:
-    """What is changed of the example, and how it is shown."""
+    """What is changed of the example's chamber and of its brain, and the colour in which it is shown."""
 
     name: str
-    changes: tuple[str, ...]
     colour: str
+    chamber: tuple[str, ...] = ()
+    brain: tuple[str, ...] = ()
 
 
 CONDITIONS = (
-    Condition("300 ms", (), "#0a7cc4"),
-    Condition("500 ms", ("body.interval=500 ms",), "#e08a00"),
-    Condition("300 ms, nuclei do not learn", (NO_NUCLEAR,), "#0a9c74"),
-    Condition("unpaired", ("body.phases=[{name: acquisition, trials: 200, stimuli: unpaired}]",), "#7d7d7d"),
-    Condition("nothing learns", (NO_PARALLEL, NO_NUCLEAR, "body.phases=[{name: acquisition, trials: 100}]"), "#b0b0b0"),
+    Condition("300 ms", "#0a7cc4"),
+    Condition("500 ms", "#e08a00", ("body.interval=500 ms",)),
+    Condition("unpaired", "#5b6770", ("body.phases=[{name: acquisition, trials: 200, stimuli: unpaired}]",)),
+    Condition("300 ms, nuclei do not learn", "#0a9c74", (), (NO_NUCLEAR,)),
+    Condition(
+        "nothing learns", "#b06fb0", ("body.phases=[{name: acquisition, trials: 40}]",), (NO_PARALLEL, NO_NUCLEAR)
+    ),
 )
+PAIRED = tuple(condition for condition in CONDITIONS if condition.name in ("300 ms", "500 ms"))
+SAVED = (*PAIRED, CONDITIONS[3])
 PHASES = ("acquisition", "extinction", "reacquisition")
 
 
+class Chambers(Body):
+    """Chambers side by side, each with its own stimuli, so that one run of a brain serves all of them."""
+
+    def __init__(self, chambers: Sequence[ConditioningChamber]) -> None:
+        super().__init__(chambers[0].config)
+        self.chambers = chambers
+
+    def reset(self, seeds: Sequence[int], which: NDArray[np.bool_] | None = None) -> None:
+        """Bring all to their start."""
+        for chamber, seed in zip(self.chambers, seeds, strict=True):
+            chamber.reset([seed])
+
+    def read(self) -> dict[str, Array]:
+        """Return what each reports."""
+        readings = [chamber.read() for chamber in self.chambers]
+        return {name: np.concatenate([reading[name] for reading in readings]) for name in self.sensors}
+
+    def advance(self, commands: Mapping[str, Array], duration_ns: int) -> None:
+        """Move each."""
+        for i, chamber in enumerate(self.chambers):
+            chamber.advance({name: values[i : i + 1] for name, values in commands.items()}, duration_ns)
+
+    def stop(self) -> None:
+        """Stop all."""
+        for chamber in self.chambers:
+            chamber.stop()
+
+
+class SideBySide(Task[Chambers]):
+    """The tasks of such chambers."""
+
+    def __init__(self, tasks: Sequence[EyeblinkTask]) -> None:
+        super().__init__(tasks[0].config, Chambers([task.body for task in tasks]))
+        self.tasks = tasks
+
+    def reset(self, batch: int, which: Flags | None = None) -> None:
+        """Begin all."""
+        for task in self.tasks:
+            task.reset(1)
+
+    def observe(self, duration_ns: int, running: Flags) -> None:
+        """Look at each."""
+        for i, task in enumerate(self.tasks):
+            task.observe(duration_ns, running[i : i + 1])
+
+    def reward(self) -> Array:
+        """Return the reward of each."""
+        return np.concatenate([task.reward() for task in self.tasks])
+
+    def terminated(self) -> Flags:
+        """Return which have had all trials."""
+        return np.concatenate([task.terminated() for task in self.tasks])
+
+    def truncated(self) -> Flags:
+        """Return that none is cut short."""
+        return np.concatenate([task.truncated() for task in self.tasks])
+
+    def metrics(self) -> Sequence[dict[str, float]]:
+        """Return the figures of each."""
+        return [figures for task in self.tasks for figures in task.metrics()]
+
+
 class Eyelids:
-    """Keeps how far the eye is shut, tick by tick."""
+    """Keeps how far the eyes are shut, tick by tick."""
 
     most_neurons = 0
 
     def __init__(self) -> None:
-        self.closure: list[float] = []
+        self.closure: list[Array] = []
 
     def sample(self, sample: Sample) -> None:
-        """Take what the chamber reports."""
-        self.closure.append(float(sample.observation["closure"][0, 0]))
+        """Take what the chambers report."""
+        self.closure.append(sample.observation["closure"][:, 0].copy())
 
 
-def run(condition: Condition, seed: int) -> dict[str, Any]:
-    """Run one animal and return what it did in each phase."""
-    experiment = load_experiment(EXAMPLE, [*condition.changes, f"seed={seed}"])
-    task, eyelids = build_task(experiment), Eyelids()
-    assert task is not None
+def run(conditions: Sequence[Condition], seed: int) -> list[dict[str, Any]]:
+    """Run conditions of one brain side by side, on one animal, and return what it did in each of them."""
+    experiments = [
+        load_experiment(EXAMPLE, [*condition.chamber, *condition.brain, f"seed={seed}"]) for condition in conditions
+    ]
+    tasks: list[EyeblinkTask] = [build_task(experiment) for experiment in experiments]  # type: ignore[misc]
+    eyelids = Eyelids()
     started = time.process_time()
-    run_episodes(build_brain(experiment), task, [seed], recorders=[eyelids])
+    run_episodes(build_brain(experiments[0]), SideBySide(tasks), [seed] * len(tasks), recorders=[eyelids])
     seconds = time.process_time() - started
-    chamber = task.body.config
-    trials: list[Trial] = task.trials(0)
-    ticks = chamber.trial // experiment.clock.tick_ns
-    traces = np.array(eyelids.closure[: ticks * len(trials)]).reshape(len(trials), ticks)
-    return {
-        "condition": condition.name,
-        "seed": seed,
-        "interval_ms": chamber.interval * 1e-6,
-        "tone_onset_ms": chamber.tone_onset * 1e-6,
-        "tick_ms": experiment.clock.tick_ns * 1e-6,
-        "cpu_seconds_per_trial": round(seconds / len(trials), 3),
-        "phases": {phase.name: _phase(phase.name, trials, traces) for phase in chamber.phases},
-    }
+    closure = np.array(eyelids.closure)
+    rows = []
+    for number, (condition, experiment, task) in enumerate(zip(conditions, experiments, tasks, strict=True)):
+        chamber, trials = task.body.config, task.trials(0)
+        ticks = chamber.trial // experiment.clock.tick_ns
+        traces = closure[: ticks * len(trials), number].reshape(len(trials), ticks)
+        rows.append(
+            {
+                "condition": condition.name,
+                "seed": seed,
+                "side_by_side": len(conditions),
+                "cpu_seconds_per_trial": round(seconds * ticks / len(closure), 3),
+                "interval_ms": chamber.interval * 1e-6,
+                "tone_onset_ms": chamber.tone_onset * 1e-6,
+                "tick_ms": experiment.clock.tick_ns * 1e-6,
+                "phases": {phase.name: _phase(phase.name, trials, traces) for phase in chamber.phases},
+            }
+        )
+    return rows
 
 
 def _phase(name: str, trials: Sequence[Trial], traces: Array) -> dict[str, Any]:
@@ -163,11 +241,16 @@ def table(rows: Sequence[Mapping[str, Any]]) -> str:
     def felt(found: Mapping[str, Any]) -> str:
         return f"{100 * found['late_felt']:.0f}"
 
-    lines = [
-        "| condition | responses in the first and in the last block of acquisition, % | in the last block of extinction, % "
-        "| peak after the tone's onset, ms | puff felt, % | trials to criterion: first | second |",
-        "| --- | --- | --- | --- | --- | --- | --- |",
-    ]
+    heads = (
+        "condition",
+        "responses in the first; in the last block of acquisition, %",
+        "in the last block of extinction, %",
+        "peak after the tone's onset, ms",
+        "puff felt, %",
+        "trials to criterion: first time",
+        "second time",
+    )
+    lines = [f"| {' | '.join(heads)} |", f"|{' --- |' * len(heads)}"]
     for condition in CONDITIONS:
         own = of(rows, condition.name)
         learned = condition.name not in ("unpaired", "nothing learns")
@@ -188,16 +271,17 @@ def draw(rows: Sequence[Mapping[str, Any]], file: Path) -> None:
     from matplotlib import rc_context
     from matplotlib.figure import Figure
 
-    settings = {
-        "svg.hashsalt": "eyeblink",
-        "svg.fonttype": "none",
-        "font.size": 9,
-        "axes.spines.top": False,
-        "axes.spines.right": False,
-        "legend.frameon": False,
-        "legend.fontsize": 8,
-    }
-    with rc_context(settings):
+    with rc_context(
+        {
+            "svg.hashsalt": "eyeblink",
+            "svg.fonttype": "none",
+            "font.size": 9,
+            "axes.spines.top": False,
+            "axes.spines.right": False,
+            "legend.frameon": False,
+            "legend.fontsize": 8,
+        }
+    ):
         figure = Figure(figsize=(10.5, 3.4), layout="constrained")
         learning, timing, savings = figure.subplots(1, 3, width_ratios=(1.9, 1.3, 1.0))
         _draw_learning(learning, rows)
@@ -220,7 +304,7 @@ def _draw_learning(panel: Any, rows: Sequence[Mapping[str, Any]]) -> None:
         if starts[phase]:
             panel.axvline(starts[phase], color="#5b6770", linewidth=0.8, linestyle=":")
     for condition in CONDITIONS:
-        if condition.name == "300 ms, nuclei do not learn":  # it is in the panel of savings
+        if condition in SAVED and condition not in PAIRED:  # it is in the panel of savings
             continue
         for number, phase in enumerate(PHASES):
             own = [
@@ -240,7 +324,7 @@ def _draw_learning(panel: Any, rows: Sequence[Mapping[str, Any]]) -> None:
 
 
 def _draw_timing(panel: Any, rows: Sequence[Mapping[str, Any]]) -> None:
-    for condition in CONDITIONS[:2]:
+    for condition in PAIRED:
         own = of(rows, condition.name)
         traces = np.array([row["phases"]["acquisition"]["late_trace"] for row in own])
         times = np.arange(traces.shape[1]) * own[0]["tick_ms"] - own[0]["tone_onset_ms"]
@@ -250,21 +334,21 @@ def _draw_timing(panel: Any, rows: Sequence[Mapping[str, Any]]) -> None:
         panel.axvline(own[0]["interval_ms"], color=condition.colour, linestyle="--", linewidth=1)
     panel.axvline(0, color="#5b6770", linewidth=0.8, linestyle=":")
     panel.text(0, 1.02, "tone", ha="center", va="bottom", fontsize=8, color="#5b6770")
-    for condition in CONDITIONS[:2]:
+    for condition in PAIRED:
         interval_ms = of(rows, condition.name)[0]["interval_ms"]
         panel.text(interval_ms, 1.02, "puff", ha="center", va="bottom", fontsize=8, color=condition.colour)
     panel.set(xlabel="time from the tone's onset, ms", ylabel="closure of the eye", ylim=(-0.02, 1.02))
 
 
 def _draw_savings(panel: Any, rows: Sequence[Mapping[str, Any]]) -> None:
-    for place, condition in enumerate(CONDITIONS[:3]):
+    for place, condition in enumerate(SAVED):
         for row in of(rows, condition.name):
             found = [row["phases"][phase]["trials_to_criterion"] for phase in ("acquisition", "reacquisition")]
             if None not in found:
                 panel.plot([3 * place, 3 * place + 1], found, "o-", color=condition.colour, markersize=3, linewidth=1)
     panel.set_xticks([0, 1, 3, 4, 6, 7], ["1st", "2nd"] * 3, fontsize=8)
     for place, (condition, words) in enumerate(
-        zip(CONDITIONS[:3], ("300 ms", "500 ms", "300 ms, nuclei\ndo not learn"), strict=True)
+        zip(SAVED, ("300 ms", "500 ms", "300 ms, nuclei\ndo not learn"), strict=True)
     ):
         panel.text(
             3 * place + 0.5,
@@ -291,22 +375,20 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=5, help="how many animals, from seed --first on")
     parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--jobs", type=int, default=1, help="animals side by side")
     parser.add_argument("--draw", action="store_true", help="only table and figure, of what was found before")
     parser.add_argument("--out", type=Path, default=HERE)
     arguments = parser.parse_args()
     file = arguments.out / "eyeblink.json"
     if not arguments.draw:
-        started, rows = time.monotonic(), []
-        seeds = range(arguments.first, arguments.first + arguments.seeds)
-        animals = [(condition, seed) for condition in CONDITIONS for seed in seeds]
-        with ProcessPoolExecutor(arguments.jobs) as pool:
-            for row in pool.map(run, *zip(*animals, strict=True)):
-                rows.append(row)
-                found = row["phases"]["acquisition"]
-                print(f"{row['condition']}, seed {row['seed']}: {shares(found['conditioned'])}", flush=True)
-        found = {"machine": machine(), "minutes": round((time.monotonic() - started) / 60, 1), "rows": rows}
-        file.write_text(json.dumps(found, indent=1) + "\n")
+        started, rows = time.process_time(), []
+        for seed in range(arguments.first, arguments.first + arguments.seeds):
+            for _, conditions in groupby(CONDITIONS, key=lambda condition: condition.brain):
+                for row in run([*conditions], seed):
+                    rows.append(row)
+                    print(row["condition"], seed, row["phases"]["acquisition"]["conditioned"], flush=True)
+            minutes = round((time.process_time() - started) / 60, 1)
+            found = {"machine": machine(), "cpu_minutes": minutes, "rows": rows}
+            file.write_text(json.dumps(found, indent=None) + "\n")
     rows = json.loads(file.read_text())["rows"]
     publish(rows, arguments.out)
     print(table(rows))
