@@ -64,7 +64,7 @@ class Condition:
 CONDITIONS = (
     Condition("300 ms", "#0a7cc4"),
     Condition("500 ms", "#e08a00", ("body.interval=500 ms",)),
-    Condition("unpaired", "#5b6770", ("body.phases=[{name: acquisition, trials: 200, stimuli: unpaired}]",)),
+    Condition("unpaired", "#5b6770", ("body.phases=[{name: acquisition, trials: 160, stimuli: unpaired}]",)),
     Condition("300 ms, nuclei do not learn", "#0a9c74", (), (NO_NUCLEAR,)),
     Condition(
         "nothing learns", "#b06fb0", ("body.phases=[{name: acquisition, trials: 40}]",), (NO_PARALLEL, NO_NUCLEAR)
@@ -381,14 +381,15 @@ def main() -> int:
     file = arguments.out / "eyeblink.json"
     if not arguments.draw:
         started, rows = time.process_time(), []
-        for seed in range(arguments.first, arguments.first + arguments.seeds):
-            for _, conditions in groupby(CONDITIONS, key=lambda condition: condition.brain):
-                for row in run([*conditions], seed):
+        for _, group in groupby(CONDITIONS, key=lambda condition: condition.brain):
+            conditions = [*group]
+            for seed in range(arguments.first, arguments.first + arguments.seeds):
+                for row in run(conditions, seed):
                     rows.append(row)
                     print(row["condition"], seed, row["phases"]["acquisition"]["conditioned"], flush=True)
-            minutes = round((time.process_time() - started) / 60, 1)
-            found = {"machine": machine(), "cpu_minutes": minutes, "rows": rows}
-            file.write_text(json.dumps(found, indent=None) + "\n")
+                minutes = round((time.process_time() - started) / 60, 1)
+                found = {"machine": machine(), "cpu_minutes": minutes, "rows": rows}
+                file.write_text(json.dumps(found) + "\n")
     rows = json.loads(file.read_text())["rows"]
     publish(rows, arguments.out)
     print(table(rows))
