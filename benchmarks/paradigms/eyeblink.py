@@ -170,6 +170,7 @@ def run(conditions: Sequence[Condition], seed: int) -> list[dict[str, Any]]:
             {
                 "condition": condition.name,
                 "seed": seed,
+                "config_hash": experiment.config_hash,
                 "side_by_side": len(conditions),
                 "cpu_seconds_per_trial": round(seconds * ticks / len(closure), 3),
                 "interval_ms": chamber.interval * 1e-6,
