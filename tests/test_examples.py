@@ -94,10 +94,10 @@ def test_neurons_learn_to_fire_more_by_a_reward_that_comes_late(tmp_path: Path) 
 
 
 def test_a_cerebellum_learns_to_shut_the_eye_and_unlearns_it(tmp_path: Path) -> None:
-    """Ten times as fast as the example, to take ten trials and not a hundred."""
+    """Ten times as fast as the example, so that ten trials are enough."""
     phases = [
-        {"name": "acquisition", "trials": 12},
-        {"name": "extinction", "trials": 12, "stimuli": "tone"},
+        {"name": "acquisition", "trials": 10},
+        {"name": "extinction", "trials": 10, "stimuli": "tone"},
     ]
     changes = {
         "body.phases": json.dumps(phases),
