@@ -208,9 +208,18 @@ def trials_to_criterion(conditioned: Sequence[int]) -> int | None:
 
 def peak_ms(row: Mapping[str, Any]) -> float:
     """Return when the eyelid was shut furthest, from the onset of the tone on, late in acquisition on average."""
+    return float(np.argmax(_late_trace(row)) * row["tick_ms"])
+
+
+def half_ms(row: Mapping[str, Any]) -> float:
+    """Return when it came to half of that for the first time."""
+    trace = _late_trace(row)
+    return float(np.argmax(trace >= trace.max() / 2) * row["tick_ms"])
+
+
+def _late_trace(row: Mapping[str, Any]) -> Array:
     first = round(row["tone_onset_ms"] / row["tick_ms"])
-    trace = row["phases"]["acquisition"]["late_trace"][first:]
-    return float(np.argmax(trace) * row["tick_ms"])
+    return np.array(row["phases"]["acquisition"]["late_trace"][first:])
 
 
 def shares(conditioned: str) -> list[float]:
@@ -230,8 +239,9 @@ def table(rows: Sequence[Mapping[str, Any]]) -> str:
     def cell(own: Sequence[Mapping[str, Any]], phase: str, figure: Any) -> str:
         return ", ".join(figure(row["phases"][phase]) for row in own if phase in row["phases"]) or "-"
 
-    def first(found: Mapping[str, Any]) -> str:
-        return f"{shares(found['conditioned'])[0]:.0f}"
+    def first_and_last(found: Mapping[str, Any]) -> str:
+        blocks = shares(found["conditioned"])
+        return f"{blocks[0]:.0f}; {blocks[-1]:.0f}"
 
     def last(found: Mapping[str, Any]) -> str:
         return f"{shares(found['conditioned'])[-1]:.0f}"
@@ -244,9 +254,9 @@ def table(rows: Sequence[Mapping[str, Any]]) -> str:
 
     heads = (
         "condition",
-        "responses in the first; in the last block of acquisition, %",
-        "in the last block of extinction, %",
-        "peak after the tone's onset, ms",
+        "responses in the first; the last block of acquisition, %",
+        "the last block of extinction, %",
+        "half shut; shut furthest, ms after the tone's onset",
         "puff felt, %",
         "trials to criterion: first time",
         "second time",
@@ -256,9 +266,9 @@ def table(rows: Sequence[Mapping[str, Any]]) -> str:
         own = of(rows, condition.name)
         learned = condition.name not in ("unpaired", "nothing learns")
         cells = [
-            f"{cell(own, 'acquisition', first)}; {cell(own, 'acquisition', last)}",
+            cell(own, "acquisition", first_and_last),
             cell(own, "extinction", last),
-            ", ".join(f"{peak_ms(row):.0f}" for row in own) if learned else "-",
+            ", ".join(f"{half_ms(row):.0f}; {peak_ms(row):.0f}" for row in own) if learned else "-",
             cell(own, "acquisition", felt) if condition.name != "unpaired" else "-",
             cell(own, "acquisition", criterion),
             cell(own, "reacquisition", criterion),
@@ -321,7 +331,7 @@ def _draw_learning(panel: Any, rows: Sequence[Mapping[str, Any]]) -> None:
             label = None if number else condition.name
             panel.plot(trials, np.mean(own, axis=0), "o-", color=condition.colour, markersize=3, label=label)
     panel.set(xlabel="trial", ylabel="conditioned responses, %", xlim=(0, end), ylim=(-4, 104))
-    panel.legend(loc="center", bbox_to_anchor=(0.53, 0.62), handlelength=1.2)
+    panel.legend(loc="center", bbox_to_anchor=(0.37, 0.42), handlelength=1.2)
 
 
 def _draw_timing(panel: Any, rows: Sequence[Mapping[str, Any]]) -> None:
