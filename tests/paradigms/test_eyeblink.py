@@ -187,3 +187,20 @@ def test_the_documents_show_what_was_measured(tmp_path: Path) -> None:
     EYEBLINK["publish"](rows, tmp_path)
     for name in ("eyeblink.md", "eyeblink.svg"):
         assert (tmp_path / name).read_text() == (BENCHMARK / name).read_text(), name
+
+
+def test_the_text_says_what_was_measured() -> None:
+    """The counts in `docs/how_to/eyeblink_conditioning.md`."""
+    rows = json.loads((BENCHMARK / "eyeblink.json").read_text())["rows"]
+    learned = [row for row in rows if row["condition"] in ("300 ms", "500 ms")]
+    late = [row["phases"]["acquisition"]["conditioned"][-10:] for row in learned]
+    assert late == ["1" * 10] * 10
+    assert all(row["phases"]["acquisition"]["conditioned"][:10] == "0" * 10 for row in rows)
+    assert not any("1" in row["phases"]["acquisition"]["conditioned"] for row in rows if row["condition"] == "unpaired")
+    in_time = [0 <= EYEBLINK["peak_ms"](row) - row["interval_ms"] <= 50 for row in learned]
+    assert sum(in_time) == 9
+    first, second = (
+        [row["phases"][phase]["trials_to_criterion"] for row in learned] for phase in ("acquisition", "reacquisition")
+    )
+    assert sum(again < before for before, again in zip(first, second, strict=True)) == 9
+    assert sum(again == before for before, again in zip(first, second, strict=True)) == 1
