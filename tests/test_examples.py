@@ -102,6 +102,25 @@ def test_a_path_is_walked_alone_after_an_agent_was_led_along_it(tmp_path: Path) 
     assert episode["deviation_m"] < 0.05
 
 
+def test_a_cerebellum_learns_to_shut_the_eye_and_unlearns_it(tmp_path: Path) -> None:
+    """Ten times as fast as the example, so that ten trials are enough."""
+    phases = [
+        {"name": "acquisition", "trials": 10},
+        {"name": "extinction", "trials": 10, "stimuli": "tone"},
+    ]
+    changes = {
+        "body.phases": json.dumps(phases),
+        "regions.cerebellum.layers.purkinje.synapses.granule.learns.0.learning_rate": 10,
+        "task.block": 3,
+    }
+    options = [word for path, value in changes.items() for word in ("--set", f"{path}={value}")]
+    summary = run(tmp_path, "eyeblink.yaml", *options)
+    (episode,) = summary["episodes"]  # type: ignore[misc]
+    assert episode["late_conditioned.acquisition"] == 1.0
+    assert episode["late_felt.acquisition"] < 0.7
+    assert episode["late_conditioned.extinction"] == 0.0
+
+
 @pytest.mark.parametrize(
     ("file", "least"), [("pendulum.yaml", -500.0), pytest.param("double_pendulum.yaml", 5000.0, marks=needs_mujoco)]
 )

@@ -117,13 +117,15 @@ class PlasticNetwork(Network, Plastic):
 
     def _projection(self, layer: str, read: str, sources: int, generator: torch.Generator) -> Projection:
         settings, neurons = self._settings(layer, read), self.config.layers[layer].neurons
+        gain = self.config.gain if settings.gain is None else settings.gain
         if settings.fan_in is None:
-            return Dense(sources, neurons, generator, gain=self.config.gain, sign=settings.sign)
-        return FanIn(sources, neurons, settings.fan_in, generator, gain=self.config.gain, sign=settings.sign)
+            return Dense(sources, neurons, generator, gain=gain, sign=settings.sign)
+        return FanIn(sources, neurons, settings.fan_in, generator, gain=gain, sign=settings.sign)
 
     def _recurrent(self, layer: str, generator: torch.Generator) -> Dense:
-        neurons, sign = self.config.layers[layer].neurons, self._settings(layer, RECURRENT).sign
-        return Dense(neurons, neurons, generator, gain=0.5, sign=sign)
+        neurons, settings = self.config.layers[layer].neurons, self._settings(layer, RECURRENT)
+        gain = 0.5 if settings.gain is None else settings.gain
+        return Dense(neurons, neurons, generator, gain=gain, sign=settings.sign)
 
     def _settings(self, layer: str, key: str) -> SynapsesConfig:
         return self.config.layers[layer].synapses.get(key, SynapsesConfig())

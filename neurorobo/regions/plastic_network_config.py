@@ -48,6 +48,12 @@ class SynapsesConfig(BaseModel):
     fan_in: int | None = Field(
         default=None, ge=1, description="How many sources each neuron hears, drawn once; all if left out."
     )
+    gain: float | None = Field(
+        default=None,
+        gt=0,
+        description="Fresh weights are drawn with the standard deviation gain / sqrt(fan-in); if left out, the "
+        "network's `gain`, and 0.5 for `recurrent`.",
+    )
     sign: Literal["excitatory", "inhibitory"] | None = Field(
         default=None, description="The sign that all weights have and keep; any if left out."
     )

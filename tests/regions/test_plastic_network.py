@@ -175,6 +175,18 @@ def test_it_can_be_trained_before_it_learns() -> None:
         assert parameter.grad is not None and parameter.grad.abs().sum() > 0, name
 
 
+def test_synapses_of_a_gain_of_their_own_are_scaled_by_it_and_no_others_are() -> None:
+    """The same draws: those of twice the gain are twice as strong, recurrent ones too."""
+    value = changed("layers.hidden.synapses.cue.gain", 1.4)
+    value["layers"]["hidden"]["synapses"]["recurrent"]["gain"] = 1.0
+    before, after = (PlasticNetwork(read(v), CLOCK, torch.Generator().manual_seed(1)) for v in (EVERY, value))
+    scaled = {"layers.layer_hidden.projections.0.weight", "layers.layer_hidden.recurrent.weight"}
+    found = dict(after.named_parameters())
+    assert scaled < found.keys()
+    for name, weight in before.named_parameters():
+        torch.testing.assert_close(found[name], weight * (2 if name in scaled else 1), rtol=1e-6, atol=0)
+
+
 def changed(path: str, value: Any) -> dict[str, Any]:
     """The network with another value at a path, or without it."""
     copy = yaml.safe_load(yaml.safe_dump(EVERY))
