@@ -97,19 +97,20 @@ def test_neurons_learn_to_fire_more_by_a_reward_that_comes_late(tmp_path: Path) 
 def test_the_vestibulo_ocular_reflex_is_adapted_and_stays_so_in_the_dark(
     tmp_path: Path, wanted: float, learns: bool
 ) -> None:
-    """Within 40 s, by climbing fibres alone."""
-    rule = "regions.flocculus.layers.purkinje.synapses.granule.learns.0"
-    changes = ["record=[]", "body.phases.learning.cycles=40", f"body.phases.learning.wanted_gain={wanted}"]
-    changes += [] if learns else [f"{rule}.learning_rate=0"]
+    """More than halfway within 20 s, by climbing fibres alone."""
+    rate = "regions.flocculus.layers.purkinje.synapses.granule.learns.0.learning_rate"
+    changes = ["record=[]", "body.phases.learning.cycles=20", f"body.phases.learning.wanted_gain={wanted}"]
+    changes += [] if learns else [f"{rate}=0"]
     options = [word for change in changes for word in ("--set", change)]
     summary = run(tmp_path, "vestibulo_ocular_reflex.yaml", "--seed", "1000", *options)
     (episode,) = summary["episodes"]  # type: ignore[misc]
-    assert episode["before.gain"] == pytest.approx(1.0, abs=0.1)
+    before, after = episode["before.gain"], episode["after.gain"]
+    assert before == pytest.approx(1.0, abs=0.1)
     if learns:
-        assert episode["after.gain"] == pytest.approx(wanted, abs=0.1)
-        assert episode["learning.slip_deg_s"] < episode["learning.first_slip_deg_s"] / 2.5
+        assert 0.5 < (after - before) / (wanted - before) < 1.1
+        assert episode["learning.slip_deg_s"] < episode["learning.first_slip_deg_s"] / 1.5
     else:
-        assert episode["after.gain"] == pytest.approx(episode["before.gain"], abs=0.01)
+        assert after == pytest.approx(before, abs=0.01)
 
 
 @pytest.mark.parametrize(
