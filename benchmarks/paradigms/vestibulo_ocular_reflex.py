@@ -4,7 +4,8 @@ Run ``python benchmarks/paradigms/vestibulo_ocular_reflex.py`` (about ten minute
 draws the network and the noise, it takes `examples/vestibulo_ocular_reflex.yaml` through the protocol below: with a
 wanted gain of 1.5 (up) and of 0.5 (down), and as controls 1.5 without mossy fibres that tell of the past (undelayed)
 and without plasticity (fixed). It prints a table, and writes beside itself all cycles as JSON and a figure; the table
-of the page `docs/how_to/adapt_a_reflex.md` is kept up to date. ``--draw`` does the same from the JSON that is there.
+of the page `docs/how_to/adapt_a_reflex.md` is kept up to date. Stopped at any time, the same command goes on;
+``--fresh`` measures all anew.
 """
 
 import argparse
@@ -23,6 +24,7 @@ HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
 sys.path.insert(0, str(ROOT / "benchmarks"))
 
+import torch  # noqa: E402
 from machine import machine  # noqa: E402
 
 from neurorobo.config.experiment import Experiment, load_experiment  # noqa: E402
@@ -97,9 +99,8 @@ def fingerprint(prepared: Experiment) -> str:
     return hashlib.sha256(json.dumps(prepared.document.value, sort_keys=True).encode()).hexdigest()
 
 
-def measure(condition: str, seed: int, registry: Registry) -> Row:
+def measure(condition: str, seed: int, prepared: Experiment) -> Row:
     """Run the protocol and return all cycles."""
-    prepared = experiment(condition, seed, registry)
     task = build_task(prepared)
     assert task is not None
     run_episodes(build_brain(prepared, build_plan(prepared)), task, [seed])
@@ -171,7 +172,7 @@ def table(rows: Sequence[Row]) -> str:
         own = [row for row in rows if row["condition"] == condition]
         for name, compute, written in figures(condition):
             values = [compute(row) for row in own]
-            least, mean, most = (f"{value:{written}}" for value in (min(values), fmean(values), max(values)))
+            least, mean, most = (f"{value:z{written}}" for value in (min(values), fmean(values), max(values)))
             cells.setdefault(name, {})[condition] = f"{mean} ({least} to {most})"
     lines = [f"| | {' | '.join(CONDITIONS)} |", "| --- |" + " --- |" * len(CONDITIONS)]
     lines += [f"| {name} | {' | '.join(of.get(each, '') for each in CONDITIONS)} |" for name, of in cells.items()]
@@ -277,19 +278,27 @@ def main() -> int:
     """Measure, write and print."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=5, help="how many networks, from seed 0 on")
-    parser.add_argument("--draw", action="store_true", help="measure nothing")
+    parser.add_argument("--fresh", action="store_true", help="measure also what has been measured")
     arguments = parser.parse_args()
-    if not arguments.draw:
-        import torch
-
-        torch.set_num_threads(1)
-        registry, rows = Registry.discover(), []
-        for seed in range(arguments.seeds):
-            for condition in CONDITIONS:
-                rows.append(measure(condition, seed, registry))
-                gains = [round(settled(rows[-1], test(when, LEARNT_HZ)), 3) for when in ("before", "after")]
-                RESULT.write_text(json.dumps({"machine": machine(), "rows": rows}) + "\n")
-                print(f"{condition} {seed}: gain {gains[0]} -> {gains[1]}", flush=True)
+    torch.set_num_threads(1)
+    registry = Registry.discover()
+    rows = json.loads(RESULT.read_text())["rows"] if RESULT.exists() and not arguments.fresh else []
+    wanted = {
+        (condition, seed): experiment(condition, seed, registry)
+        for seed in range(arguments.seeds)
+        for condition in CONDITIONS
+    }
+    hashes = {fingerprint(prepared): key for key, prepared in wanted.items()}
+    done = {hashes[row["said_sha256"]]: row for row in rows if row["said_sha256"] in hashes}
+    for (condition, seed), prepared in wanted.items():
+        if (condition, seed) not in done:
+            done[condition, seed] = measure(condition, seed, prepared)
+        row = done[condition, seed]
+        RESULT.write_text(
+            json.dumps({"machine": machine(), "rows": [done[key] for key in wanted if key in done]}) + "\n"
+        )
+        gains = [round(settled(row, test(when, LEARNT_HZ)), 3) for when in ("before", "after")]
+        print(f"{condition} {seed}: gain {gains[0]} -> {gains[1]}", flush=True)
     rows = json.loads(RESULT.read_text())["rows"]
     draw(rows, FIGURE)
     PAGE.write_text(into_page(PAGE.read_text(), rows))

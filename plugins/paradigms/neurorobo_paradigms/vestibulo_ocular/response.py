@@ -37,8 +37,9 @@ def responses(cycles: Array, head_deg_s: Array, eye_deg_s: Array, slip_deg_s: Ar
         if here.sum() < 4:
             continue
         angle = 2 * math.pi * cycles[here]
-        fastest = np.abs(head_deg_s[here]).max() / np.abs(np.sin(angle)).max()
-        regressors = np.stack([fastest * np.sin(angle), fastest * np.cos(angle), np.ones(here.sum())], axis=1)
+        sine, cosine = np.sin(angle), np.cos(angle)
+        fastest = head_deg_s[here] @ sine / (sine @ sine)
+        regressors = np.stack([fastest * sine, fastest * cosine, np.ones(here.sum())], axis=1)
         (same, quarter, offset), *_ = np.linalg.lstsq(regressors, eye_deg_s[here], rcond=None)
         rms = float(np.sqrt(np.mean(slip_deg_s[here] ** 2)))
         gain, lead = math.hypot(same, quarter), math.degrees(math.atan2(quarter, same))
