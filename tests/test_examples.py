@@ -121,6 +121,26 @@ def test_a_cerebellum_learns_to_shut_the_eye_and_unlearns_it(tmp_path: Path) -> 
     assert episode["late_conditioned.extinction"] == 0.0
 
 
+@pytest.mark.parametrize(("wanted", "learns"), [(1.5, True), (0.5, True), (1.5, False)])
+def test_the_vestibulo_ocular_reflex_is_adapted_and_stays_so_in_the_dark(
+    tmp_path: Path, wanted: float, learns: bool
+) -> None:
+    """More than halfway within 20 s, by climbing fibres alone."""
+    rate = "regions.flocculus.layers.purkinje.synapses.granule.learns.0.learning_rate"
+    changes = ["record=[]", "body.phases.learning.cycles=20", f"body.phases.learning.wanted_gain={wanted}"]
+    changes += [] if learns else [f"{rate}=0"]
+    options = [word for change in changes for word in ("--set", change)]
+    summary = run(tmp_path, "vestibulo_ocular_reflex.yaml", "--seed", "1000", *options)
+    (episode,) = summary["episodes"]  # type: ignore[misc]
+    before, after = episode["before.gain"], episode["after.gain"]
+    assert before == pytest.approx(1.0, abs=0.1)
+    if learns:
+        assert 0.5 < (after - before) / (wanted - before) < 1.1
+        assert episode["learning.slip_deg_s"] < episode["learning.first_slip_deg_s"] / 1.5
+    else:
+        assert after == pytest.approx(before, abs=0.01)
+
+
 @pytest.mark.parametrize(
     ("file", "least"), [("pendulum.yaml", -500.0), pytest.param("double_pendulum.yaml", 5000.0, marks=needs_mujoco)]
 )
