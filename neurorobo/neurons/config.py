@@ -18,11 +18,13 @@ class NeuronConfig(BaseModel, ABC):
     """Base of every neuron's configuration; like its module, it must not import torch outside of :meth:`build`.
 
     ``sends_spikes`` says that outputs are 0 or 1; a neuron that sends other numbers is for regions that can read them.
+    ``trains_thresholds`` says that :meth:`build` returns LIF neurons, whose thresholds can be trained.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     sends_spikes: ClassVar[bool] = True
+    trains_thresholds: ClassVar[bool] = False
 
     type: str
 
@@ -49,6 +51,8 @@ class SurrogateConfig(BaseModel):
 
 class _Leaky(NeuronConfig):
     """What the neurons of the core have in common."""
+
+    trains_thresholds: ClassVar[bool] = True
 
     threshold: float = Field(default=0.5, gt=0)
     fires: Literal["at", "above"] = Field(

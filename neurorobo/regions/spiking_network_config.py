@@ -38,6 +38,15 @@ class LayerConfig(BaseModel):
     )
     neuron: Annotated[NeuronConfig, Plugged("neuron")] = LIFConfig()
 
+    @model_validator(mode="after")
+    def _thresholds_can_be_trained(self) -> Self:
+        if self.own_thresholds and not self.neuron.trains_thresholds:
+            raise ValueError(
+                f"`own_thresholds` are for `lif` neurons, and those of `{self.neuron.type}` cannot be trained; "
+                "leave it out"
+            )
+        return self
+
 
 class LayeredNetworkConfig(RegionConfig, ABC):
     """Base of the configurations of networks: layers by name, each of its own neurons and its own sources."""

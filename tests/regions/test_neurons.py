@@ -256,3 +256,8 @@ def test_layers_read_the_numbers_as_they_are(tmp_path: Path) -> None:
 def test_all_neurons_of_the_core_say_whether_they_send_spikes() -> None:
     assert SOFT == ["soft_spiking_neural_unit"]
     assert all(issubclass(Registry().get("neuron", name), NeuronConfig) for name in CORE)
+
+
+def test_thresholds_that_cannot_be_trained_are_refused_where_they_stand(tmp_path: Path) -> None:
+    said = faults(tmp_path, HIDDEN="{type: izhikevich}, own_thresholds: true")
+    assert "regions.cortex.layers.hidden: `own_thresholds` are for `lif` neurons, and those of `izhikevich`" in said
