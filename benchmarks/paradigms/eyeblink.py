@@ -1,8 +1,8 @@
 """Eyeblink conditioning of a spiking cerebellum: acquisition, timing, extinction and savings, and their controls.
 
 Run ``python benchmarks/paradigms/eyeblink.py`` (ten minutes of one core). It runs ``examples/eyeblink.yaml`` once for
-each animal, which is a wiring of its own (seeds 0 to 4), and each condition. Settings were chosen on seeds from 1000
-on, but for one: that mossy fibres fire regularly and not at random was decided after a look at seed 0. Beside itself it
+each animal, which is a wiring of its own (seeds 0 to 4), and each condition. Settings were chosen on seeds from 1000,
+but for one: that mossy fibres fire regularly and not at random was decided after a look at seed 0. Beside itself it
 writes what was found, ``eyeblink.json``, and what the documentation shows of it, ``eyeblink.md`` and ``eyeblink.svg``;
 ``--draw`` writes these two again from the first.
 """

@@ -204,3 +204,15 @@ def test_the_text_says_what_was_measured() -> None:
     )
     assert sum(again < before for before, again in zip(first, second, strict=True)) == 9
     assert sum(again == before for before, again in zip(first, second, strict=True)) == 1
+    plain, still = (EYEBLINK["of"](rows, name) for name in ("300 ms", "300 ms, nuclei do not learn"))
+    assert np.mean([_criterion(row, "acquisition") for row in plain]) == 29.4
+    assert np.mean([_criterion(row, "reacquisition") for row in plain]) == 17.2
+    assert np.mean([_criterion(row, "reacquisition") for row in still]) == 24.0
+    half_ms = EYEBLINK["half_ms"]
+    assert sum(half_ms(other) > half_ms(row) for row, other in zip(plain, still, strict=True)) == 4
+    assert sum(70 <= half_ms(row) <= 150 for row in learned) == 9
+
+
+def _criterion(row: Mapping[str, Any], phase: str) -> int:
+    found: int = row["phases"][phase]["trials_to_criterion"]
+    return found
