@@ -127,6 +127,20 @@ def test_what_follows_a_reply_that_made_no_sense_is_thrown_away(wire: tuple[Wire
         assert link.ask("next") == "next"
 
 
+def test_what_nobody_asked_for_can_be_looked_at_before_it_is_thrown_away() -> None:
+    heard: list[str] = []
+    with TcpPort(lambda _: [b"E01\r", b"7\r"]) as wire:
+        link = SerialLink("s", wire.url, baud=9600, ends=b"\r", reply_ends=b"\r", unasked=heard.append)
+        link.open()
+        link.send("GO 0")
+        time.sleep(0.1)
+        assert link.ask("ask") == "E01"
+        time.sleep(0.05)
+        assert link.ask("again") == "E01"
+        link.close()
+    assert heard == ["E01\r7\r", "7\r"]
+
+
 def test_asking_costs_little_more_than_the_wire(wire: tuple[Wire, Echo]) -> None:
     with linked(wire[0]) as link:
         link.ask("warm")
@@ -134,6 +148,17 @@ def test_asking_costs_little_more_than_the_wire(wire: tuple[Wire, Echo]) -> None
         for _ in range(50):
             link.ask("position")
         assert (time.monotonic() - began) / 50 < 0.004  # a wait before each command would be 5 ms
+
+
+def test_commands_without_replies_do_not_hold_up_the_next(wire: tuple[Wire, Echo]) -> None:
+    with linked(wire[0]) as link:
+        link.ask("warm")
+        began = time.monotonic()
+        for _ in range(10):
+            link.send("-quiet")
+            link.send("-quiet")
+            link.ask("next")
+        assert (time.monotonic() - began) / 10 < 0.02  # TCP that waits for acknowledgements would take 40 ms
 
 
 def test_a_line_that_is_not_there_says_so() -> None:

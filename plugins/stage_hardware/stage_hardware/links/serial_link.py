@@ -1,7 +1,9 @@
 """A serial line, or a TCP connection that stands for one: lines out, lines in, and a way past them for a stop."""
 
+import socket
 import threading
 import time
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from stage_hardware.errors import HardwareError, InterruptedByStopError, LinkError, ReplyTimeoutError
@@ -26,6 +28,12 @@ class SerialLink:
 
     ``stops`` counts the stops. A command that was decided on before a stop must not go out after it: one that is given
     the count as it was then is refused if there has been another.
+
+    ``unasked`` is given the text that is thrown away, for controllers that report errors without being asked; it is
+    called in the midst of a transaction and must not begin one.
+
+    A caller that ``knows_replies``, as it can ask something whose reply is like no other, throws late ones away itself,
+    and no command waits for them.
     """
 
     def __init__(
@@ -38,10 +46,13 @@ class SerialLink:
         reply_ends: bytes,
         hardware_flow_control: bool = False,
         timeout_s: float = 0.5,
+        unasked: Callable[[str], None] | None = None,
+        knows_replies: bool = False,
     ) -> None:
         """Name the line: a port such as `/dev/ttyUSB0` or `COM3`, or a URL such as `socket://host:port`."""
         self.device, self.url, self.baud, self.timeout_s = device, url, baud, timeout_s
         self._ends, self._reply_ends, self._flow_control = ends, reply_ends, hardware_flow_control
+        self._unasked, self._knows_replies = unasked, knows_replies
         self._port: serial.Serial | None = None
         self._lock = threading.Lock()
         self._stopping = threading.Event()
@@ -66,6 +77,9 @@ class SerialLink:
             raise LinkError(
                 self.device, f"{self.url} cannot be opened ({error})", "see that it is connected, and not in use"
             ) from error
+        connection = getattr(port, "_socket", None)  # of a TCP port
+        if connection is not None:  # or a stop would wait until what went before it was acknowledged, some 40 ms
+            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._port, self._received, self._is_behind = port, bytearray(), False
 
     def close(self) -> None:
@@ -129,11 +143,12 @@ class SerialLink:
 
     def _catch_up(self) -> None:
         """Throw away what belongs to no command: what has come by now, and after a missing reply what comes late."""
-        self._received.clear()
-        wait_until = time.monotonic() + (self.timeout_s if self._is_behind else 0.0)
+        wait_until = time.monotonic() + (self.timeout_s if self._is_behind and not self._knows_replies else 0.0)
         while self._has_come() or time.monotonic() < wait_until:
             self._read()
             self._refuse_if_stopping()
+        if self._received and self._unasked:
+            self._unasked(self._received.decode("ascii", errors="replace"))
         self._received.clear()
         self._is_behind = False
 
