@@ -263,6 +263,26 @@ def test_an_error_code_is_seen_whenever_it_is_sent() -> None:
         assert state.axes["x"].position == 0 and state.fault is not None and "E00" in state.fault
 
 
+def test_an_error_code_of_which_half_has_come_is_none_of_the_reply() -> None:
+    with connected() as (stage, peer, wire):
+        homed(stage, peer)
+        pieces = {b"AXI1:GOABS 50\r": [b"E0"], b"AXI1:SB1?\r": [b"1\r", b"0\r"]}
+
+        def answer(data: bytes) -> Iterable[bytes]:
+            return pieces.get(data) or peer.answer(data)
+
+        wire.answer = answer
+        send = stage._link.send
+
+        def send_and_wait(command: str, *, stops: int | None = None) -> None:
+            send(command, stops=stops)
+            time.sleep(0.1)
+
+        stage._link.send = send_and_wait  # type: ignore[method-assign]
+        with pytest.raises(RefusedError, match="E01"):
+            stage.move_to({"x": 100})
+
+
 def test_switches_soft_limits_and_stages_that_are_not_there_are_told() -> None:
     with connected() as (stage, peer, _):
         homed(stage, peer)

@@ -4,7 +4,7 @@ Written from what is published of the manual and of programs for it, and tried o
 reply: whether they were carried out is asked. Not verified: when error codes are sent, so they are looked for in
 whatever comes; that clockwise (CW) is where positions grow; that ``CCWSLP?`` and ``MEMSW0?`` answer as ``CWSLP?`` does;
 that the acceleration time is that from rest to the drive speed. Settings are lost with the power, the soft limits too,
-by which a power cycle is noticed.
+by which a power cycle is noticed, unless somebody has saved in the controller that they are on.
 
 Source: Suruga Seiki, DS102/DS112 operation manual 2.00; MISUMI, DS102MS manual, pages 133 and 150.
 """
@@ -433,7 +433,7 @@ class DS102Stage(Stage):
     def _get_in_step(self) -> str:
         """Return its identity, and throw away what comes before: a bare number tells not which query it answers."""
         said = self._link.ask("*IDN?")
-        while not said.startswith("SURUGA"):
+        while "SURUGA" not in said:
             self._look_for_codes(said)
             try:
                 said = self._link.read_line()

@@ -32,8 +32,8 @@ class SerialLink:
     ``unasked`` is given the text that is thrown away, for controllers that report errors without being asked; it is
     called in the midst of a transaction and must not begin one.
 
-    A caller that ``knows_replies``, as it can ask something whose reply is like no other, throws late ones away itself,
-    and no command waits for them.
+    A caller that ``knows_replies``, as it can ask something whose reply is like no other, throws late ones away itself:
+    no command waits for them, and only whole lines are thrown away here.
     """
 
     def __init__(
@@ -147,9 +147,10 @@ class SerialLink:
         while self._has_come() or time.monotonic() < wait_until:
             self._read()
             self._refuse_if_stopping()
-        if self._received and self._unasked:
-            self._unasked(self._received.decode("ascii", errors="replace"))
-        self._received.clear()
+        lines, end, rest = self._received.rpartition(self._reply_ends)
+        thrown, self._received = (lines + end, rest) if self._knows_replies else (self._received, bytearray())
+        if thrown and self._unasked:
+            self._unasked(thrown.decode("ascii", errors="replace"))
         self._is_behind = False
 
     def _line(self, command: str, timeout_s: float) -> str:
