@@ -353,9 +353,10 @@ def test_a_lost_reply_to_a_motion_is_followed_by_a_look_and_not_by_the_motion() 
         assert stage.state().fault is None
 
 
+@pytest.mark.parametrize("wire_type", WIRES)
 @pytest.mark.parametrize("fault", ["no_reply", "late_reply", "garbled_reply", "wrong_terminator"])
-def test_after_a_fault_of_the_line_no_number_is_taken_for_another(fault: str) -> None:
-    with connected() as (stage, peer, wire):
+def test_after_a_fault_of_the_line_no_number_is_taken_for_another(fault: str, wire_type: type[Wire]) -> None:
+    with connected(wire_type=wire_type) as (stage, peer, wire):
         homed(stage, peer)
         peer.replies |= {"AXI1:POS?": ["77"], "AXI1:SB1?": ["0"]}
         wire.faults.late_s = 0.4

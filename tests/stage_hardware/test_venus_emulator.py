@@ -7,10 +7,14 @@ from collections.abc import Iterator
 
 import pytest
 import serial
+from hypothesis import given
+from hypothesis import strategies as st
 from stage_hardware.emulators.venus import EmulatedStage, VenusEmulator
 from stage_hardware.emulators.wire import PseudoTerminal, TcpPort, Wire
 
 WIRES: list[type[Wire]] = [TcpPort] if sys.platform == "win32" else [PseudoTerminal, TcpPort]
+
+WORDS = sorted({*VenusEmulator(venus=1)._words, *VenusEmulator(venus=2)._words} - {"speed"})
 
 
 class Now:
@@ -207,12 +211,38 @@ def test_a_new_origin_is_given_by_its_distance(calibrated: Bench) -> None:
         (b"7 1 setunit ", 1007),
         (b"0 setvel ", 1007),
         (b"1e999 ", 1007),
+        (b"1e300 0 0 setpos ", 1007),
+        (b"0 1 setpitch ", 1007),
         (b"1 " * 100, 1009),
     ],
 )
 def test_errors_are_kept_until_they_are_read(corvus: Bench, words: bytes, code: int) -> None:
     assert corvus(words) == b""
     assert corvus(b"ge ge st ") == b"%d\r\n0\r\n0\r\n" % code
+
+
+@given(
+    venus=st.sampled_from([1, 2]),
+    words=st.lists(
+        st.one_of(
+            st.sampled_from(WORDS),
+            st.sampled_from(["-1", "0", "1", "2", "3", "4"]),
+            st.floats().map(str),
+            st.text(max_size=3),
+        ),
+        max_size=30,
+    ),
+)
+def test_no_program_upsets_it(venus: int, words: list[str]) -> None:
+    bench = Bench(venus=venus)
+    for word in words:
+        bench(word.encode() + b" ", 0.01)
+    bench(b"\x030 mode 0 nmode ")
+    bench.wait(2)
+    bench(b"reset ")
+    bench.controller.power_cycle()
+    bench(b"0 mode 0 nmode ")
+    assert bench(b"st " if venus == 1 else b"1 nst ") == b"0\r\n"
 
 
 def test_what_is_not_used_stays_on_the_stack_until_it_is_cleared(corvus: Bench) -> None:

@@ -443,6 +443,8 @@ class VenusEmulator:
 
     def _service(self, name: str, first: float) -> dict[str, _Word]:
         def write(value: float, n: float) -> None:
+            if name == "pitch" and value <= 0:
+                raise _RefusedError(OUT_OF_RANGE)
             self.settings.service[name, self._number(n)] = value
 
         return {
@@ -552,7 +554,10 @@ class VenusEmulator:
 
     def _shift(self, distance: float, n: float) -> None:
         """Let the origin be at a distance from here."""
-        self._axis(n).mechanism.set_counter(-distance * self._unit(self._number(n)))
+        way = distance * self._unit(self._number(n))
+        if abs(way) > WIDE_mm:
+            raise _RefusedError(OUT_OF_RANGE)
+        self._axis(n).mechanism.set_counter(-way)
 
     def _shift_all(self, *distances: float) -> None:
         for n, distance in zip(self._dimensions(), distances, strict=True):
