@@ -87,7 +87,7 @@ def test_homing_sets_the_counter_and_power_loses_it() -> None:
     stage.move_to(50)
     now.s += 60
     stage.power_cycle()
-    assert (stage.counter, stage.referenced, stage.position) == (0, False, 50)
+    assert (stage.counter, stage.referenced, stage.position, stage.zero) == (0, False, 50, 50)
 
 
 def test_homing_that_was_stopped_is_none() -> None:

@@ -103,6 +103,13 @@ class Mechanism:
             return self._settle()[0] - self._offset
 
     @property
+    def zero(self) -> float:
+        """The position at which the counter is 0."""
+        with self._lock:
+            self._settle()
+            return self._offset
+
+    @property
     def moving(self) -> bool:
         """Whether a motion is under way."""
         with self._lock:

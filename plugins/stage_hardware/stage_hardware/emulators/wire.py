@@ -22,13 +22,15 @@ class Wire(ABC):
     """A line to one client at a time, served by a thread between :meth:`start` and :meth:`close`.
 
     Bytes take their time in both directions: 10 bits each at ``baud``, or none if that is 0. ``processing_s`` passes
-    before a reply begins. Faults are set on ``faults`` at any time.
+    before a reply begins. Faults are set on ``faults`` at any time. ``later`` is asked about every 20 ms for replies
+    that nothing on the line calls forth, such as those that wait for the end of a motion.
     """
 
     def __init__(self, answer: Answer, *, baud: int = 0, processing_s: float = 0.0) -> None:
         """Prepare it; :meth:`start` opens it."""
         self.answer, self.baud, self.processing_s = answer, baud, processing_s
         self.faults = WireFaults()
+        self.later: Callable[[], Iterable[bytes]] = tuple
         self._thread: threading.Thread | None = None
         self._ends = threading.Event()
 
@@ -79,10 +81,10 @@ class Wire(ABC):
                 self._shut()
                 return
             came = self._receive(0.02)
-            if not came or self.faults.deaf:
+            if self.faults.deaf:
                 continue
             self._take_time(came)
-            for reply in self.answer(came):
+            for reply in self.answer(came) if came else self.later():
                 self._reply(reply)
 
     def _reply(self, reply: bytes) -> None:

@@ -1,7 +1,9 @@
 """A serial line, or a TCP connection that stands for one: lines out, lines in, and a way past them for a stop."""
 
+import socket
 import threading
 import time
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from stage_hardware.errors import HardwareError, InterruptedByStopError, LinkError, ReplyTimeoutError
@@ -23,6 +25,15 @@ class SerialLink:
     taken for the answer to that one. Text is ASCII; terminators are the caller's to name. Methods raise
     :class:`LinkError` if the line is gone, :class:`ReplyTimeoutError` after ``timeout_s``, and
     :class:`InterruptedByStopError` if a stop came between.
+
+    ``stops`` counts the stops. A command that was decided on before a stop must not go out after it: one that is given
+    the count as it was then is refused if there has been another.
+
+    ``unasked`` is given the text that is thrown away, for controllers that report errors without being asked; it is
+    called in the midst of a transaction and must not begin one.
+
+    A caller that ``knows_replies``, as it can ask something whose reply is like no other, throws late ones away itself:
+    no command waits for them, and only whole lines are thrown away here.
     """
 
     def __init__(
@@ -35,15 +46,19 @@ class SerialLink:
         reply_ends: bytes,
         hardware_flow_control: bool = False,
         timeout_s: float = 0.5,
+        unasked: Callable[[str], None] | None = None,
+        knows_replies: bool = False,
     ) -> None:
         """Name the line: a port such as `/dev/ttyUSB0` or `COM3`, or a URL such as `socket://host:port`."""
         self.device, self.url, self.baud, self.timeout_s = device, url, baud, timeout_s
         self._ends, self._reply_ends, self._flow_control = ends, reply_ends, hardware_flow_control
+        self._unasked, self._knows_replies = unasked, knows_replies
         self._port: serial.Serial | None = None
         self._lock = threading.Lock()
         self._stopping = threading.Event()
         self._received = bytearray()
         self._is_behind = False
+        self.stops = 0
 
     def open(self) -> None:
         """Open the line; a HardwareError if it cannot be."""
@@ -62,6 +77,9 @@ class SerialLink:
             raise LinkError(
                 self.device, f"{self.url} cannot be opened ({error})", "see that it is connected, and not in use"
             ) from error
+        connection = getattr(port, "_socket", None)  # of a TCP port
+        if connection is not None:  # or a stop would wait until what went before it was acknowledged, some 40 ms
+            connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._port, self._received, self._is_behind = port, bytearray(), False
 
     def close(self) -> None:
@@ -70,17 +88,17 @@ class SerialLink:
         if port is not None:
             port.close()
 
-    def send(self, command: str) -> None:
+    def send(self, command: str, *, stops: int | None = None) -> None:
         """Send a command that has no reply."""
         with self._lock:
-            self._refuse_if_stopping()
+            self._refuse_if_stopping(stops)
             self._catch_up()
             self._write(command.encode("ascii") + self._ends)
 
-    def ask(self, command: str, timeout_s: float | None = None) -> str:
+    def ask(self, command: str, timeout_s: float | None = None, *, stops: int | None = None) -> str:
         """Send a command and return the line that answers it, without its end."""
         with self._lock:
-            self._refuse_if_stopping()
+            self._refuse_if_stopping(stops)
             self._catch_up()
             self._write(command.encode("ascii") + self._ends)
             return self._line(command, self.timeout_s if timeout_s is None else timeout_s)
@@ -98,32 +116,41 @@ class SerialLink:
         with self._lock:
             return self._line("the lines before", self.timeout_s if timeout_s is None else timeout_s)
 
-    def urgent(self, data: bytes) -> None:
+    def distrust(self) -> None:
+        """Throw away what still comes before the next command goes out: the last reply made no sense."""
+        self._is_behind = True
+
+    def urgent(self, data: bytes, *, is_answered: bool = True) -> None:
         """Write a stop: a transaction that is under way is given up, and never waited for longer than 50 ms.
 
-        Replies to it, and what is left of the other one, are thrown away before the next command.
+        Replies to it, and what is left of the other one, are thrown away before the next command; a stop that has no
+        reply, and gave up no transaction, needs no waiting for them.
         """
+        self.stops += 1
         self._stopping.set()
         has_lock = self._lock.acquire(timeout=STOP_WAITS_S)
         try:
             self._write(data)
-            self._is_behind = True
+            self._is_behind = self._is_behind or is_answered or not has_lock
         finally:
             self._stopping.clear()
             if has_lock:
                 self._lock.release()
 
-    def _refuse_if_stopping(self) -> None:
-        if self._stopping.is_set():
+    def _refuse_if_stopping(self, stops: int | None = None) -> None:
+        if self._stopping.is_set() or stops not in (None, self.stops):
             raise self._interrupted()
 
     def _catch_up(self) -> None:
         """Throw away what belongs to no command: what has come by now, and after a missing reply what comes late."""
-        self._received.clear()
-        wait_until = time.monotonic() + (self.timeout_s if self._is_behind else 0.0)
-        while self._read() or time.monotonic() < wait_until:
+        wait_until = time.monotonic() + (self.timeout_s if self._is_behind and not self._knows_replies else 0.0)
+        while self._has_come() or time.monotonic() < wait_until:
+            self._read()
             self._refuse_if_stopping()
-        self._received.clear()
+        lines, end, rest = self._received.rpartition(self._reply_ends)
+        thrown, self._received = (lines + end, rest) if self._knows_replies else (self._received, bytearray())
+        if thrown and self._unasked:
+            self._unasked(thrown.decode("ascii", errors="replace"))
         self._is_behind = False
 
     def _line(self, command: str, timeout_s: float) -> str:
@@ -146,15 +173,21 @@ class SerialLink:
         del self._received[: end + len(self._reply_ends)]
         return line.decode("ascii", errors="replace")
 
-    def _read(self) -> bool:
-        """Add what has come to what was received, waiting for a moment if nothing has; return whether anything has."""
+    def _has_come(self) -> bool:
+        """Return whether there is something to read, without waiting."""
         port = self._opened()
         try:
-            came = port.read(max(1, port.in_waiting))
+            return port.in_waiting > 0
+        except (OSError, ValueError, TypeError) as error:
+            raise self._lost(error) from error
+
+    def _read(self) -> None:
+        """Add what has come to what was received, waiting for a moment if nothing has."""
+        port = self._opened()
+        try:
+            self._received += port.read(max(1, port.in_waiting))
         except (OSError, ValueError, TypeError) as error:  # the last of a port that another thread closes meanwhile
             raise self._lost(error) from error
-        self._received += came
-        return bool(came)
 
     def _write(self, data: bytes) -> None:
         port = self._opened()
