@@ -98,6 +98,44 @@ def test_a_stop_goes_out_while_another_thread_waits_for_an_answer(wire: tuple[Wi
         assert b"-STOP" in wire[1].heard
 
 
+def test_a_command_that_was_decided_on_before_a_stop_does_not_go_out_after_it(wire: tuple[Wire, Echo]) -> None:
+    with linked(wire[0]) as link:
+        stops = link.stops
+        assert link.ask("before", stops=stops) == "before"
+        link.urgent(b"-STOP\r\n")
+        with pytest.raises(InterruptedByStopError):
+            link.ask("after", stops=stops)
+        with pytest.raises(InterruptedByStopError):
+            link.send("after", stops=stops)
+        assert link.ask("anew", stops=link.stops) == "anew"
+        assert b"after" not in wire[1].heard
+
+
+def test_a_stop_without_a_reply_costs_the_next_command_nothing(wire: tuple[Wire, Echo]) -> None:
+    with linked(wire[0], 1.0) as link:
+        link.ask("warm")
+        link.urgent(b"-STOP\r\n", is_answered=False)
+        began = time.monotonic()
+        assert link.ask("next") == "next"
+        assert time.monotonic() - began < 0.5
+
+
+def test_what_follows_a_reply_that_made_no_sense_is_thrown_away(wire: tuple[Wire, Echo]) -> None:
+    with linked(wire[0], 0.3) as link:
+        assert link.ask("first\r\nof two") == "first"
+        link.distrust()
+        assert link.ask("next") == "next"
+
+
+def test_asking_costs_little_more_than_the_wire(wire: tuple[Wire, Echo]) -> None:
+    with linked(wire[0]) as link:
+        link.ask("warm")
+        began = time.monotonic()
+        for _ in range(50):
+            link.ask("position")
+        assert (time.monotonic() - began) / 50 < 0.004  # a wait before each command would be 5 ms
+
+
 def test_a_line_that_is_not_there_says_so() -> None:
     with pytest.raises(LinkError, match=r"stage: /dev/nowhere cannot be opened .*; see that it is connected"):
         SerialLink("stage", "/dev/nowhere", baud=9600, ends=b"\r", reply_ends=b"\r").open()

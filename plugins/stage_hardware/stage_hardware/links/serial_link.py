@@ -23,6 +23,9 @@ class SerialLink:
     taken for the answer to that one. Text is ASCII; terminators are the caller's to name. Methods raise
     :class:`LinkError` if the line is gone, :class:`ReplyTimeoutError` after ``timeout_s``, and
     :class:`InterruptedByStopError` if a stop came between.
+
+    ``stops`` counts the stops. A command that was decided on before a stop must not go out after it: one that is given
+    the count as it was then is refused if there has been another.
     """
 
     def __init__(
@@ -44,6 +47,7 @@ class SerialLink:
         self._stopping = threading.Event()
         self._received = bytearray()
         self._is_behind = False
+        self.stops = 0
 
     def open(self) -> None:
         """Open the line; a HardwareError if it cannot be."""
@@ -70,17 +74,17 @@ class SerialLink:
         if port is not None:
             port.close()
 
-    def send(self, command: str) -> None:
+    def send(self, command: str, *, stops: int | None = None) -> None:
         """Send a command that has no reply."""
         with self._lock:
-            self._refuse_if_stopping()
+            self._refuse_if_stopping(stops)
             self._catch_up()
             self._write(command.encode("ascii") + self._ends)
 
-    def ask(self, command: str, timeout_s: float | None = None) -> str:
+    def ask(self, command: str, timeout_s: float | None = None, *, stops: int | None = None) -> str:
         """Send a command and return the line that answers it, without its end."""
         with self._lock:
-            self._refuse_if_stopping()
+            self._refuse_if_stopping(stops)
             self._catch_up()
             self._write(command.encode("ascii") + self._ends)
             return self._line(command, self.timeout_s if timeout_s is None else timeout_s)
@@ -98,30 +102,37 @@ class SerialLink:
         with self._lock:
             return self._line("the lines before", self.timeout_s if timeout_s is None else timeout_s)
 
-    def urgent(self, data: bytes) -> None:
+    def distrust(self) -> None:
+        """Throw away what still comes before the next command goes out: the last reply made no sense."""
+        self._is_behind = True
+
+    def urgent(self, data: bytes, *, is_answered: bool = True) -> None:
         """Write a stop: a transaction that is under way is given up, and never waited for longer than 50 ms.
 
-        Replies to it, and what is left of the other one, are thrown away before the next command.
+        Replies to it, and what is left of the other one, are thrown away before the next command; a stop that has no
+        reply, and gave up no transaction, needs no waiting for them.
         """
+        self.stops += 1
         self._stopping.set()
         has_lock = self._lock.acquire(timeout=STOP_WAITS_S)
         try:
             self._write(data)
-            self._is_behind = True
+            self._is_behind = self._is_behind or is_answered or not has_lock
         finally:
             self._stopping.clear()
             if has_lock:
                 self._lock.release()
 
-    def _refuse_if_stopping(self) -> None:
-        if self._stopping.is_set():
+    def _refuse_if_stopping(self, stops: int | None = None) -> None:
+        if self._stopping.is_set() or stops not in (None, self.stops):
             raise self._interrupted()
 
     def _catch_up(self) -> None:
         """Throw away what belongs to no command: what has come by now, and after a missing reply what comes late."""
         self._received.clear()
         wait_until = time.monotonic() + (self.timeout_s if self._is_behind else 0.0)
-        while self._read() or time.monotonic() < wait_until:
+        while self._has_come() or time.monotonic() < wait_until:
+            self._read()
             self._refuse_if_stopping()
         self._received.clear()
         self._is_behind = False
@@ -146,15 +157,21 @@ class SerialLink:
         del self._received[: end + len(self._reply_ends)]
         return line.decode("ascii", errors="replace")
 
-    def _read(self) -> bool:
-        """Add what has come to what was received, waiting for a moment if nothing has; return whether anything has."""
+    def _has_come(self) -> bool:
+        """Return whether there is something to read, without waiting."""
         port = self._opened()
         try:
-            came = port.read(max(1, port.in_waiting))
+            return port.in_waiting > 0
+        except (OSError, ValueError, TypeError) as error:
+            raise self._lost(error) from error
+
+    def _read(self) -> None:
+        """Add what has come to what was received, waiting for a moment if nothing has."""
+        port = self._opened()
+        try:
+            self._received += port.read(max(1, port.in_waiting))
         except (OSError, ValueError, TypeError) as error:  # the last of a port that another thread closes meanwhile
             raise self._lost(error) from error
-        self._received += came
-        return bool(came)
 
     def _write(self, data: bytes) -> None:
         port = self._opened()
