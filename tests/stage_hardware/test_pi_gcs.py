@@ -1,10 +1,12 @@
 """The driver of PI controllers against their emulator: what it promises, and what it does when things go wrong."""
 
+import importlib
 import math
 import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import given
@@ -25,7 +27,7 @@ from stage_hardware.stage import Axis, Stage, StageState
 WIRES = [TcpPort] if sys.platform == "win32" else [TcpPort, PseudoTerminal]
 X = Axis("um", -10_000, 10_000, 0.1, 10_000, 200_000)
 TURN = Axis("mdeg", -5_000, 5_000, 1, 8_000, 200_000)
-STAGES = {"1": EmulatedStage(position=0.6), "2": EmulatedStage(position=-0.4, resolution=1e-3)}
+STAGES = {"1": EmulatedStage(position=0.2), "2": EmulatedStage(position=-0.1, resolution=1e-3)}
 AXES = {"x": PiAxis(X, "1"), "turn": PiAxis(TURN, "2")}
 
 
@@ -42,6 +44,13 @@ def stands(state: StageState) -> bool:
 
 def driver(emulator: PiEmulator, axes: Mapping[str, PiAxis] = AXES, timeout_s: float = 0.3) -> PiStage:
     return PiStage("table", emulator.url, axes, timeout_s=timeout_s, identity="C-863")
+
+
+@pytest.fixture(autouse=True)
+def no_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Spare each test the 0.3 s that pyserial waits when it closes a TCP connection."""
+    protocol = importlib.import_module("serial.urlhandler.protocol_socket")
+    monkeypatch.setattr(protocol, "time", SimpleNamespace(sleep=lambda _: None))
 
 
 @pytest.fixture(params=WIRES)
@@ -64,7 +73,7 @@ def test_connecting_moves_nothing_and_sets_what_a_power_cycle_loses(emulator: Pi
         state = stage.state()
         assert stands(state) and state.fault is None
         assert not any(axis.referenced for axis in state.axes.values())
-        assert emulator.axes["1"].mechanism.position == 0.6
+        assert emulator.axes["1"].mechanism.position == 0.2
         assert emulator.axes["1"].servo_on and emulator.axes["2"].servo_on
         assert (emulator.axes["1"].speed, emulator.axes["2"].speed) == (10, 8)
         assert emulator.axes["1"].mechanism.acceleration == emulator.axes["1"].deceleration == 200
