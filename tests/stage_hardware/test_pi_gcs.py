@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from stage_hardware.drivers.pi_gcs import PiAxis, PiStage, Reference
+from stage_hardware.drivers.pipython_stage import PipythonStage, open_device
 from stage_hardware.emulators.pi_gcs import EmulatedStage, PiEmulator
 from stage_hardware.emulators.wire import PseudoTerminal, TcpPort
 from stage_hardware.errors import (
@@ -367,6 +368,15 @@ def test_without_the_register_each_is_asked(emulator: PiEmulator) -> None:
         emulator.switch_servo_off("2")
         assert "-1024" in str(stage.state().fault)
     assert "#4" not in emulator.heard
+
+
+def test_without_pipython_its_stage_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pipython", None)
+    stage = PipythonStage("table", lambda: open_device("socket://127.0.0.1:1"), AXES)
+    with pytest.raises(HardwareError, match=r"pipython is not installed; pip install 'neurorobo-stage-hardware\[pi\]'"):
+        stage.connect()
+    with pytest.raises(LinkError, match="not connected; connect first"):
+        stage.stop()
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="there are no pseudo-terminals")

@@ -151,7 +151,7 @@ class PipythonStage(GcsStage):
 
 
 def open_device(url: str, baud: int = 115200) -> Device:
-    """Return a device at a serial port, or at a TCP port as ``socket://192.168.0.1:50000``: PI's drivers are not needed."""
+    """Return a device at a serial port or, as ``socket://192.168.0.1:50000``, at a TCP port; without PI's drivers."""
     from pipython import GCS2Device
     from pipython.pidevice.interfaces.piserial import PISerial
     from pipython.pidevice.interfaces.pisocket import PISocket
