@@ -113,3 +113,26 @@ def test_without_power_a_motor_does_not_move_and_a_slow_one_takes_longer() -> No
     assert stage.moving
     now.s += 10
     assert stage.position == 100
+
+
+@pytest.mark.parametrize("looks", range(5))
+def test_a_home_run_that_moves_no_more_is_referenced_even_if_it_ends_between_two_looks_at_the_clock(looks: int) -> None:
+    class Jumping:
+        """Stands, and jumps past the end of the run after so many looks."""
+
+        s, left = 100.0, -1
+
+        def __call__(self) -> float:
+            self.left -= 1
+            if self.left == -1:
+                self.s += 60
+            return self.s
+
+    now = Jumping()
+    stage = Mechanism(-500, 1000, position=50, start_speed=0, speed=100, acceleration=200, clock=now)
+    now.left = -2
+    stage.home()
+    now.left = looks
+    while stage.moving:
+        pass
+    assert stage.referenced

@@ -113,8 +113,9 @@ class Mechanism:
     def moving(self) -> bool:
         """Whether a motion is under way."""
         with self._lock:
+            was_under_way = self._is_under_way()  # asked first: what has ended has then had its effect, too
             self._settle()
-            return self._is_under_way()
+            return was_under_way and self._motion.distance != 0
 
     @property
     def at_lower_switch(self) -> bool:

@@ -86,7 +86,10 @@ class SerialLink:
         """Close the line; safe to call at any time, and twice."""
         port, self._port = self._port, None
         if port is not None:
+            connection = getattr(port, "_socket", None)  # which pyserial leaves open if its other end is gone
             port.close()
+            if connection is not None:
+                connection.close()
 
     def send(self, command: str, *, stops: int | None = None) -> None:
         """Send a command that has no reply."""
