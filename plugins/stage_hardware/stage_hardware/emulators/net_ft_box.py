@@ -9,7 +9,6 @@ import select
 import socket
 import threading
 import time
-from collections.abc import Callable, Sequence
 from contextlib import suppress
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from operator import mul
@@ -19,10 +18,8 @@ import numpy as np
 
 from stage_hardware.emulators.faults import RdtFaults
 from stage_hardware.emulators.mechanism import Clock
+from stage_hardware.emulators.wrench import Wrench, at_rest
 from stage_hardware.links import rdt
-
-Wrench = Callable[[float], Sequence[float]]
-"""The wrench at a time of the clock, in s: three forces in mN, three torques in mN*m."""
 
 Client = tuple[str, int]
 
@@ -31,11 +28,6 @@ GRAIN_S = 0.001
 """Records of a stream that is faster than this are sent in bursts, which costs less."""
 
 _COUNT = 2**31
-
-
-def at_rest(time_s: float) -> Sequence[float]:
-    """Return no force and no torque at all."""
-    return (0.0,) * 6
 
 
 class NetFtBox:
