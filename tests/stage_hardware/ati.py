@@ -40,8 +40,10 @@ def write_calibration(
     gauges: int = 6,
 ) -> Path:
     axes = "\n".join(
-        f'    <Axis Name="{name}" values="{" ".join(f"{value:.7f}" for value in row)}" max="{largest}" scale="{scale!r}"/>'
-        for name, row, scale, largest in zip(WRENCH, rows, scales.tolist(), (18,) * 3 + (250,) * 3, strict=True)
+        f'    <Axis Name="{name}" values="{" ".join(map(repr, row))}" max="{largest}" scale="{scale!r}"/>'
+        for name, row, scale, largest in zip(
+            WRENCH, rows.tolist(), scales.tolist(), (18,) * 3 + (250,) * 3, strict=True
+        )
     )
     path.write_text(
         CALIBRATION.format(

@@ -4,6 +4,7 @@ import math
 import socket
 import sys
 import time
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -89,7 +90,7 @@ def test_every_loss_is_counted_and_none_is_made_up(first: int) -> None:
         numbers = [one.sequence % 2**32 for one in seen]
         assert not set(numbers) & set(box.lost)
         assert len(set(numbers)) == len(numbers)
-        assert all(b.sequence - a.sequence - 1 == b.lost - a.lost for a, b in zip(seen, seen[1:], strict=False))
+        assert all(b.sequence - a.sequence - 1 == b.lost - a.lost for a, b in pairwise(seen))
 
 
 def test_records_that_come_twice_late_short_or_from_elsewhere_are_refused() -> None:
@@ -171,16 +172,14 @@ def test_a_request_that_is_lost_is_repeated() -> None:
         with reading(box) as sensor:
             assert sensor.latest().valid
         box.faults.deaf = 10**9
-        with pytest.raises(ReplyTimeoutError, match=r"wrist: no reading within 0\.5 s .*; see to power, network"):
-            with reading(box, timeout_s=0.5):
-                pass
+        silent = pytest.raises(ReplyTimeoutError, match=r"wrist: no reading within 0\.5 s .*; see to power, network")
+        with silent, reading(box, timeout_s=0.5):
+            pass
 
 
 def test_before_and_after_there_is_no_valid_reading() -> None:
     with loaded() as box:
-        sensor = AtiNetFt(
-            "wrist", box.host, components=COMPONENTS, rdt_port=box.rdt_port, http_port=box.http_port
-        )
+        sensor = AtiNetFt("wrist", box.host, components=COMPONENTS, rdt_port=box.rdt_port, http_port=box.http_port)
         sensor.stop()
         assert sensor.latest().fault == "it was not started" and math.isnan(sensor.latest().values["Fx"])
         sensor.start()
@@ -234,9 +233,9 @@ def test_a_bias_on_the_box_is_told() -> None:
 def test_a_page_that_does_not_come_says_so() -> None:
     with loaded() as box:
         box.faults.slow_page_s = 5
-        with pytest.raises(LinkError, match=r"wrist: http://127\.0\.0\.1:\d+/netftapi2\.xml cannot be read"):
-            with reading(box, timeout_s=0.2):
-                pass
+        slow = pytest.raises(LinkError, match=r"wrist: http://127\.0\.0\.1:\d+/netftapi2\.xml cannot be read")
+        with slow, reading(box, timeout_s=0.2):
+            pass
     with pytest.raises(LinkError, match="see to power, network and address"), reading(box_that_is_closed()):
         pass
 

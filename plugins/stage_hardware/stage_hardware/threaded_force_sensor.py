@@ -159,7 +159,7 @@ class ThreadedForceSensor(ForceSensor):
                     self._take(sample)
         except Exception as error:  # whatever ends the thread ends the readings, and has to be seen
             if not ends.is_set():
-                self._failure = str(error) or type(error).__name__
+                self._failure = error.fault if isinstance(error, HardwareError) else str(error) or type(error).__name__
         self._began.set()
 
     def _take(self, sample: Sample) -> None:

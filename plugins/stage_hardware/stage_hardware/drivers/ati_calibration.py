@@ -63,9 +63,11 @@ def read_calibration(path: str | Path, part_number: str | None = None) -> AtiCal
     found = {element.get("PartNumber", ""): element for element in sensor.iter("Calibration")}
     if part_number is None and len(found) == 1:
         part_number = next(iter(found))
+    if not found:
+        raise HardwareError(str(path), "has no calibration", cure)
     if part_number not in found:
         raise HardwareError(
-            str(path), f"has the calibrations {', '.join(found) or 'of none'}, not {part_number}", "name one of them"
+            str(path), f"has the calibrations {', '.join(found)}, not {part_number}", "name one of them"
         )
     try:
         return _calibration(sensor, found[part_number])

@@ -1,7 +1,7 @@
-"""ATI's Net F/T box through the library pynetft, whose reading thread is native code.
+"""ATI's Net F/T box through the library pynetft, which receives in a thread of native code.
 
-An alternative to :mod:`stage_hardware.drivers.ati_net_ft` for streams of several kHz, and a check of it. Needs the
-extra ``ati``. Not tried on a device.
+An alternative to :mod:`stage_hardware.drivers.ati_net_ft`, and a check of it. Needs the extra ``ati``. Not tried on a
+device. The time of a reading is when Python gets it.
 """
 
 import time
@@ -25,8 +25,8 @@ class PynetftSensor(ThreadedForceSensor):
     """A force sensor behind a Net F/T box that pynetft reads.
 
     Losses, status words and a sensor that stalls are judged as by `AtiNetFt`. Of the box's page pynetft reads units and
-    counts per unit only: ranges and rate are not checked. What pynetft takes for a fault ends its stream, and all
-    readings after it are invalid until the next start.
+    counts per unit only: ranges and rate are not checked. What pynetft takes for a fault, such as a single record
+    that comes twice or late, ends its stream, and readings are invalid until the next start.
     """
 
     def __init__(
@@ -75,7 +75,7 @@ class PynetftSensor(ThreadedForceSensor):
             raise LinkError(
                 self.name, f"pynetft cannot read {self.host} ({error})", "see to power and address"
             ) from error
-        self._client, self._stream = client, None
+        self._client, self._stream, self._gives_up = client, None, pynetft.SensorFaultError
         self._samples = client.samples(WAITS_S)
 
     def _shut(self) -> None:
@@ -92,6 +92,12 @@ class PynetftSensor(ThreadedForceSensor):
         except TimeoutError:  # which ends the iterator
             self._samples = client.samples(WAITS_S)
             return None
+        except self._gives_up as error:
+            raise LinkError(
+                self.name,
+                f"pynetft gave up: {error.health.last_error or error} ({error.fault_code.value})",
+                "see to the sensor, then start again",
+            ) from error
         if self._stream is None:
             self._stream = self._opened_stream(client)
         return self._stream.take(time.monotonic_ns(), came.rdt_sequence, came.ft_sequence, came.status, came.raw_wrench)
