@@ -76,6 +76,7 @@ def reading(box: NetFtBox, **more: Any) -> Iterator[AtiNetFt]:
             "rdt_port": box.rdt_port,
             "http_port": box.http_port,
             "rate_Hz": box.rate_Hz,
+            "silence_s": 0.3,  # the machine may be slow
             **more,
         },
     ) as sensor:

@@ -33,6 +33,7 @@ def sensor(calibration: AtiCalibration, gauges: AtiGauges, rate_Hz: float = 500.
         rate_Hz=rate_Hz,
         resolution_mN=4,
         resolution_mNm=0.05,
+        silence_s=0.3,
         **more,  # type: ignore[arg-type]
     )
 
@@ -145,7 +146,7 @@ def test_the_sensor_reads_what_loads_the_gauges(calibration: AtiCalibration) -> 
 
 def test_a_saturated_gauge_makes_a_reading_invalid(calibration: AtiCalibration) -> None:
     gauges = [0.0] * 6
-    with AtiDaq("wrist", calibration, lambda: gauges, resolution_mN=4, resolution_mNm=0.05) as wrist:
+    with AtiDaq("wrist", calibration, lambda: gauges, resolution_mN=4, resolution_mNm=0.05, silence_s=0.3) as wrist:
         for voltage_V, is_valid in ((9.89, True), (9.9, False), (-9.91, False), (0.0, True), (float("nan"), False)):
             gauges[2] = voltage_V
             since = wrist.latest().sequence

@@ -155,7 +155,7 @@ class ThreadedForceSensor(ForceSensor):
         try:
             while not ends.is_set():
                 sample = self._next()
-                if sample is not None:
+                if sample is not None and not ends.is_set():
                     self._take(sample)
         except Exception as error:  # whatever ends the thread ends the readings, and has to be seen
             if not ends.is_set():

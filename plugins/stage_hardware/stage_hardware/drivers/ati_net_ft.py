@@ -42,6 +42,8 @@ class AtiNetFt(ThreadedForceSensor):
 
     Of the box's settings, units, counts per unit, range and rate are read when it starts, and have to fit. It is never
     made to change them. A stream that another client took over is not taken back: :meth:`latest` tells of the silence.
+    The time of a reading is when its datagram is taken from the system: after a pause of this process, those that have
+    waited look younger than they are, until the last of them is taken.
     """
 
     def __init__(
