@@ -22,7 +22,8 @@ class SerialLink:
     After a reply that did not come, what comes late is thrown away before the next command goes out, as it would be
     taken for the answer to that one. Text is ASCII; terminators are the caller's to name. Methods raise
     :class:`LinkError` if the line is gone, :class:`ReplyTimeoutError` after ``timeout_s``, and
-    :class:`InterruptedByStopError` if a stop came between.
+    :class:`InterruptedByStopError` if a stop came between. A motion that takes several commands gives to each of them
+    what ``stops`` was when it began: after a stop, the rest of them is not sent.
     """
 
     def __init__(
@@ -43,7 +44,8 @@ class SerialLink:
         self._lock = threading.Lock()
         self._stopping = threading.Event()
         self._received = bytearray()
-        self._is_behind = False
+        self._owed: int | None = 0  # lines that answer what was given up; None if that is not known
+        self.stops = 0
 
     def open(self) -> None:
         """Open the line; a HardwareError if it cannot be."""
@@ -62,7 +64,7 @@ class SerialLink:
             raise LinkError(
                 self.device, f"{self.url} cannot be opened ({error})", "see that it is connected, and not in use"
             ) from error
-        self._port, self._received, self._is_behind = port, bytearray(), False
+        self._port, self._received, self._owed = port, bytearray(), 0
 
     def close(self) -> None:
         """Close the line; safe to call at any time, and twice."""
@@ -70,27 +72,21 @@ class SerialLink:
         if port is not None:
             port.close()
 
-    def send(self, command: str) -> None:
-        """Send a command that has no reply."""
+    def send(self, command: str, *, since: int | None = None) -> None:
+        """Send a command that has no reply, unless there were more than ``since`` stops."""
         with self._lock:
-            self._refuse_if_stopping()
-            self._catch_up()
-            self._write(command.encode("ascii") + self._ends)
+            self._begin(command.encode("ascii") + self._ends, since)
 
-    def ask(self, command: str, timeout_s: float | None = None) -> str:
-        """Send a command and return the line that answers it, without its end."""
+    def ask(self, command: str, timeout_s: float | None = None, *, since: int | None = None) -> str:
+        """Send a command, unless there were more than ``since`` stops; return the line that answers, less its end."""
         with self._lock:
-            self._refuse_if_stopping()
-            self._catch_up()
-            self._write(command.encode("ascii") + self._ends)
+            self._begin(command.encode("ascii") + self._ends, since)
             return self._line(command, self.timeout_s if timeout_s is None else timeout_s)
 
     def ask_bytes(self, command: bytes, timeout_s: float | None = None) -> str:
         """The same with bytes that go out as they are, such as a query without an end."""
         with self._lock:
-            self._refuse_if_stopping()
-            self._catch_up()
-            self._write(command)
+            self._begin(command, None)
             return self._line(repr(command), self.timeout_s if timeout_s is None else timeout_s)
 
     def read_line(self, timeout_s: float | None = None) -> str:
@@ -98,20 +94,30 @@ class SerialLink:
         with self._lock:
             return self._line("the lines before", self.timeout_s if timeout_s is None else timeout_s)
 
-    def urgent(self, data: bytes) -> None:
+    def urgent(self, data: bytes, replies: int | None = None) -> None:
         """Write a stop: a transaction that is under way is given up, and never waited for longer than 50 ms.
 
-        Replies to it, and what is left of the other one, are thrown away before the next command.
+        Replies to it, and what is left of the other one, are thrown away before the next command. If it is known how
+        many lines answer the stop, that takes until they have come; otherwise until nothing can come any more.
         """
+        self.stops += 1
         self._stopping.set()
         has_lock = self._lock.acquire(timeout=STOP_WAITS_S)
         try:
             self._write(data)
-            self._is_behind = True
+            known = has_lock and replies is not None and self._owed is not None
+            self._owed = (self._owed or 0) + (replies or 0) if known else None
         finally:
             self._stopping.clear()
             if has_lock:
                 self._lock.release()
+
+    def _begin(self, data: bytes, since: int | None) -> None:
+        self._refuse_if_stopping()
+        self._catch_up()
+        if since is not None and self.stops > since:  # a stop counts first and writes then, so that it comes later
+            raise self._interrupted()
+        self._write(data)
 
     def _refuse_if_stopping(self) -> None:
         if self._stopping.is_set():
@@ -119,23 +125,24 @@ class SerialLink:
 
     def _catch_up(self) -> None:
         """Throw away what belongs to no command: what has come by now, and after a missing reply what comes late."""
-        self._received.clear()
-        wait_until = time.monotonic() + (self.timeout_s if self._is_behind else 0.0)
-        while self._read() or time.monotonic() < wait_until:
+        wait_until = time.monotonic() + self.timeout_s
+        while self._owed is None or self._received.count(self._reply_ends) < self._owed:
             self._refuse_if_stopping()
+            if not self._read() and time.monotonic() > wait_until:
+                break
+        while self._waiting():
+            self._read()
         self._received.clear()
-        self._is_behind = False
+        self._owed = 0
 
     def _line(self, command: str, timeout_s: float) -> str:
         deadline = time.monotonic() + timeout_s
         while (end := self._received.find(self._reply_ends)) < 0:
             if self._stopping.is_set():
-                self._is_behind = True
-                raise InterruptedByStopError(
-                    self.device, "a stop came first", "look at the state before the next command"
-                )
+                self._owed = 1
+                raise self._interrupted()
             if time.monotonic() > deadline:
-                self._is_behind = True
+                self._owed = None
                 raise ReplyTimeoutError(
                     self.device,
                     f"no reply to {command!r} within {timeout_s:g} s",
@@ -155,6 +162,13 @@ class SerialLink:
             raise self._lost(error) from error
         self._received += came
         return bool(came)
+
+    def _waiting(self) -> bool:
+        port = self._opened()
+        try:
+            return bool(port.in_waiting)
+        except (OSError, ValueError, TypeError) as error:
+            raise self._lost(error) from error
 
     def _write(self, data: bytes) -> None:
         port = self._opened()
