@@ -88,8 +88,9 @@ class ShotEmulator(SigmaKokiEmulator):
 
     def _status(self) -> str:
         """Return counters in fields of ten columns, and three letters: refused, on a limit, busy."""
+        busy = self._busy()  # before the counters: what rests is where it stays
         fields = [f"{'-' if count < 0 else ' '}{abs(count):9d}" for count in self._counts()]
-        busy, on_limit = self._busy(), [axis.hit_limit for axis in self.axes]
+        on_limit = [axis.hit_limit for axis in self.axes]
         if not any(on_limit):
             limit = "K"
         elif len(self.axes) == 1:
