@@ -67,7 +67,17 @@ class SerialLink:
         self._port, self._received, self._owed = port, bytearray(), 0
 
     def close(self) -> None:
-        """Close the line; safe to call at any time, and twice."""
+        """Close the line; safe to call at any time, and twice.
+
+        What is known to come still is awaited, as the next one to open the line would take it for an answer.
+        """
+        if self._port is not None and self._owed and self._lock.acquire(timeout=STOP_WAITS_S):
+            try:
+                self._catch_up()
+            except HardwareError:
+                pass
+            finally:
+                self._lock.release()
         port, self._port = self._port, None
         if port is not None:
             port.close()
