@@ -120,3 +120,43 @@ def test_bytes_take_their_time() -> None:
         began = time.monotonic()
         link.ask("x" * 22)
         assert 0.05 <= time.monotonic() - began < 0.2  # 24 bytes each way
+
+
+def test_a_stop_keeps_what_a_motion_has_still_to_send_from_going_out(wire: tuple[Wire, Echo]) -> None:
+    with linked(wire[0]) as link:
+        since = link.stops
+        assert link.ask("first", since=since) == "first"
+        link.urgent(b"STOP\r\n", replies=1)
+        for send in (link.ask, link.send):
+            with pytest.raises(InterruptedByStopError, match="a stop came first"):
+                send("second", since=since)
+        assert link.ask("third", since=link.stops) == "third"
+        assert b"second" not in wire[1].heard
+
+
+def test_after_a_stop_whose_answer_is_known_nothing_waits_for_more(wire: tuple[Wire, Echo]) -> None:
+    wire[0].faults.late_reply, wire[0].faults.late_s = 1, 0.2
+    with linked(wire[0], timeout_s=5) as link:
+        link.urgent(b"STOP\r\n", replies=1)
+        began = time.monotonic()
+        assert link.ask("after") == "after"
+        assert 0.15 < time.monotonic() - began < 2
+
+
+def test_an_answer_that_is_still_to_come_is_none_for_who_connects_next(wire: tuple[Wire, Echo]) -> None:
+    wire[0].faults.late_reply, wire[0].faults.late_s = 1, 0.1
+    with linked(wire[0]) as link:
+        link.urgent(b"STOP\r\n", replies=1)
+    with linked(wire[0]) as link:
+        assert link.ask("other") == "other"
+
+
+def test_a_question_costs_no_wait_when_nothing_is_to_come(wire: tuple[Wire, Echo]) -> None:
+    with linked(wire[0]) as link:
+        link.ask("warm")
+        took = []
+        for _ in range(20):
+            began = time.monotonic()
+            link.ask("?")
+            took.append(time.monotonic() - began)
+        assert min(took) < 0.004
