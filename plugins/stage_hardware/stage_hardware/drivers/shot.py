@@ -151,7 +151,7 @@ class ShotStage(SigmaKokiStage):
         if rest or axes < 1 or re.fullmatch(r",[XK],[0-9A-FKLMW],[BR]", reply[-6:]) is None:
             raise self._makes_no_sense(reply, "Q:")
         fields = [reply[start : start + FIELD] for start in range(0, axes * (FIELD + 1), FIELD + 1)]
-        if not all(re.fullmatch(r"[ -] *\d+", field) for field in fields):
+        if not all(re.fullmatch(r" *-? *\d+", field) for field in fields):
             raise self._makes_no_sense(reply, "Q:")
         counts = self._integers(fields, reply, "Q:")
         busy = reply[-1] == "B"

@@ -157,6 +157,9 @@ class ShotEmulator(SigmaKokiEmulator):
             return True
         if head == "D":
             return self._sets_speeds(chosen, rest)
+        if head == "V" and self.model == "SHOT-702" and len(speeds := self._speeds(rest)) == len(chosen):
+            self.origin_speeds = speeds[0]
+            return True
         if head == "S" and len(chosen) == 1 and rest in map(str, DIVISIONS) and not self._facts.is_gsc:
             self.divisions[chosen[0]] = int(rest)
             return True
