@@ -98,6 +98,44 @@ def test_a_stop_goes_out_while_another_thread_waits_for_an_answer(wire: tuple[Wi
         assert b"-STOP" in wire[1].heard
 
 
+def test_a_command_that_was_decided_on_before_a_stop_does_not_go_out_after_it(wire: tuple[Wire, Echo]) -> None:
+    with linked(wire[0]) as link:
+        stops = link.stops
+        assert link.ask("before", stops=stops) == "before"
+        link.urgent(b"-STOP\r\n")
+        with pytest.raises(InterruptedByStopError):
+            link.ask("after", stops=stops)
+        with pytest.raises(InterruptedByStopError):
+            link.send("after", stops=stops)
+        assert link.ask("anew", stops=link.stops) == "anew"
+        assert b"after" not in wire[1].heard
+
+
+def test_a_stop_without_a_reply_costs_the_next_command_nothing(wire: tuple[Wire, Echo]) -> None:
+    with linked(wire[0], 1.0) as link:
+        link.ask("warm")
+        link.urgent(b"-STOP\r\n", is_answered=False)
+        began = time.monotonic()
+        assert link.ask("next") == "next"
+        assert time.monotonic() - began < 0.5
+
+
+def test_what_follows_a_reply_that_made_no_sense_is_thrown_away(wire: tuple[Wire, Echo]) -> None:
+    with linked(wire[0], 0.3) as link:
+        assert link.ask("first\r\nof two") == "first"
+        link.distrust()
+        assert link.ask("next") == "next"
+
+
+def test_asking_costs_little_more_than_the_wire(wire: tuple[Wire, Echo]) -> None:
+    with linked(wire[0]) as link:
+        link.ask("warm")
+        began = time.monotonic()
+        for _ in range(50):
+            link.ask("position")
+        assert (time.monotonic() - began) / 50 < 0.004  # a wait before each command would be 5 ms
+
+
 def test_a_line_that_is_not_there_says_so() -> None:
     with pytest.raises(LinkError, match=r"stage: /dev/nowhere cannot be opened .*; see that it is connected"):
         SerialLink("stage", "/dev/nowhere", baud=9600, ends=b"\r", reply_ends=b"\r").open()
@@ -122,41 +160,36 @@ def test_bytes_take_their_time() -> None:
         assert 0.05 <= time.monotonic() - began < 0.2  # 24 bytes each way
 
 
-def test_a_stop_keeps_what_a_motion_has_still_to_send_from_going_out(wire: tuple[Wire, Echo]) -> None:
-    with linked(wire[0]) as link:
-        since = link.stops
-        assert link.ask("first", since=since) == "first"
-        link.urgent(b"STOP\r\n", replies=1)
-        for send in (link.ask, link.send):
-            with pytest.raises(InterruptedByStopError, match="a stop came first"):
-                send("second", since=since)
-        assert link.ask("third", since=link.stops) == "third"
-        assert b"second" not in wire[1].heard
-
-
 def test_after_a_stop_whose_answer_is_known_nothing_waits_for_more(wire: tuple[Wire, Echo]) -> None:
     wire[0].faults.late_reply, wire[0].faults.late_s = 1, 0.2
     with linked(wire[0], timeout_s=5) as link:
-        link.urgent(b"STOP\r\n", replies=1)
+        link.urgent(b"STOP\r\n", lines=1)
         began = time.monotonic()
         assert link.ask("after") == "after"
         assert 0.15 < time.monotonic() - began < 2
 
 
+def test_what_a_stop_gave_up_is_waited_for_as_well(wire: tuple[Wire, Echo]) -> None:
+    wire[0].faults.late_reply, wire[0].faults.late_s = 1, 0.4
+
+    def ask(link: SerialLink) -> None:
+        with pytest.raises(InterruptedByStopError):
+            link.ask("slow")
+
+    with linked(wire[0], timeout_s=5) as link:
+        thread = threading.Thread(target=ask, args=(link,))
+        thread.start()
+        time.sleep(0.1)
+        link.urgent(b"STOP\r\n", lines=1)
+        thread.join(2)
+        began = time.monotonic()
+        assert link.ask("after") == "after"
+        assert time.monotonic() - began < 2
+
+
 def test_an_answer_that_is_still_to_come_is_none_for_who_connects_next(wire: tuple[Wire, Echo]) -> None:
     wire[0].faults.late_reply, wire[0].faults.late_s = 1, 0.1
     with linked(wire[0]) as link:
-        link.urgent(b"STOP\r\n", replies=1)
+        link.urgent(b"STOP\r\n", lines=1)
     with linked(wire[0]) as link:
         assert link.ask("other") == "other"
-
-
-def test_a_question_costs_no_wait_when_nothing_is_to_come(wire: tuple[Wire, Echo]) -> None:
-    with linked(wire[0]) as link:
-        link.ask("warm")
-        took = []
-        for _ in range(20):
-            began = time.monotonic()
-            link.ask("?")
-            took.append(time.monotonic() - began)
-        assert min(took) < 0.004

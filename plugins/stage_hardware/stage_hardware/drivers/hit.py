@@ -100,11 +100,11 @@ class HitStage(SigmaKokiStage):
             raise self._makes_no_sense(reply, command)
         return numbers
 
-    def _start_moves(self, counts: Mapping[str, int], since: int) -> None:
-        self._order(f"A:{self._fields({self._axes[name].number: count for name, count in counts.items()})}", since)
+    def _start_moves(self, counts: Mapping[str, int], stops: int) -> None:
+        self._order(f"A:{self._fields({self._axes[name].number: count for name, count in counts.items()})}", stops)
 
-    def _start_homing(self, axes: list[str], since: int) -> list[str]:
-        self._order(f"H:{self._fields({self._axes[name].number: 1 for name in axes})}", since)
+    def _start_homing(self, axes: list[str], stops: int) -> list[str]:
+        self._order(f"H:{self._fields({self._axes[name].number: 1 for name in axes})}", stops)
         return axes
 
     def _energise_command(self, on: bool) -> str:

@@ -173,22 +173,22 @@ class ShotStage(SigmaKokiStage):
             return (letter == "L", letter == "M")[:axes]
         return tuple(bool(int(letter, 16) >> index & 1) for index in range(axes))
 
-    def _order(self, command: str, since: int) -> None:
+    def _order(self, command: str, stops: int) -> None:
         if self.acknowledges:
             try:
-                return super()._order(command, since)
+                return super()._order(command, stops)
             except ReplyTimeoutError as error:
                 raise ReplyTimeoutError(
                     self.name, error.fault, f"{error.cure}, and that its switch ACK stands at MAIN"
                 ) from error
-        self.link.send(command, since=since)
+        self.link.send(command, stops=stops)
         if self._read().refused:
             raise self._refused(command)
 
     def _must_look_before_it_moves(self, targets: Mapping[str, float]) -> bool:
         return self.controller.is_gsc_02 or 1 < len(targets) < self.controller.connectors
 
-    def _start_moves(self, counts: Mapping[str, int], since: int) -> None:
+    def _start_moves(self, counts: Mapping[str, int], stops: int) -> None:
         by_number = {self._axes[name].number: count for name, count in counts.items()}
         letter = "A"
         if self._must_look_before_it_moves(counts):
@@ -205,16 +205,16 @@ class ShotStage(SigmaKokiStage):
         amounts = "".join(
             f"{by_number[number]:+d}".replace("+", "+P").replace("-", "-P") for number in sorted(by_number)
         )
-        self._order(f"{letter}:{which}{amounts}", since)
-        self._order("G:", since)
+        self._order(f"{letter}:{which}{amounts}", stops)
+        self._order("G:", stops)
 
-    def _start_homing(self, axes: list[str], since: int) -> list[str]:
+    def _start_homing(self, axes: list[str], stops: int) -> list[str]:
         """Look for all origins at once if there are no other axes, or for the first."""
         begun = axes if len(axes) == self.controller.connectors > 1 else axes[:1]
         numbers = sorted((self._axes[name].number, self._axes[name].seeks_origin) for name in begun)
         which = "W" if len(begun) > 1 else str(numbers[0][0])
         signs = "".join("+" if sign > 0 else "-" for _, sign in numbers) if self.controller.is_gsc_02 else ""
-        self._order(f"H:{which}{signs}", since)
+        self._order(f"H:{which}{signs}", stops)
         return begun
 
     def _energise_command(self, on: bool) -> str:

@@ -172,7 +172,7 @@ class SigmaKokiStage(Stage):
 
     def stop(self) -> None:
         """Stop all axes at once, without a ramp (`L:E`); motors keep their current."""
-        self.link.urgent(b"L:E\r\n", self.stop_replies)
+        self.link.urgent(b"L:E\r\n", is_answered=self.stop_replies > 0, lines=self.stop_replies)
 
     def state(self) -> StageState:
         """Ask where all axes are; also goes on to the next origin that :meth:`home` was to look for."""
@@ -193,14 +193,14 @@ class SigmaKokiStage(Stage):
         What the controller cannot begin at the same time, it begins when :meth:`state` has found the axis before at
         its origin.
         """
-        since = self.link.stops
+        stops = self.link.stops
         with self._turn:
             self._refuse_unknown(axes)
             self._notice_stops()
             if self._restarted:
                 self._set_up()
                 self._restarted = False
-            self._to_home, self._since = [name for name in self.axes if name in axes], since
+            self._to_home, self._home_stops = [name for name in self.axes if name in axes], stops
             for name in ("", *self._to_home):
                 self._faults.pop(name, None)
             if self._to_home:
@@ -208,7 +208,7 @@ class SigmaKokiStage(Stage):
 
     def move_to(self, targets: Mapping[str, float]) -> None:
         """Begin to move some axes to absolute positions, in their units; they arrive at the nearest pulse."""
-        since = self.link.stops
+        stops = self.link.stops
         with self._turn:
             self._refuse_targets(targets, self._referenced)
             if not targets:
@@ -221,7 +221,7 @@ class SigmaKokiStage(Stage):
             for name, count in counts.items():
                 self._direction[name] = 1 if count >= self._counts[name] else -1
             with self._expecting(counts):
-                self._start_moves(counts, since)
+                self._start_moves(counts, stops)
             for name in counts:
                 self._faults.pop(name, None)
 
@@ -249,11 +249,11 @@ class SigmaKokiStage(Stage):
         """Ask for counts and flags."""
 
     @abstractmethod
-    def _start_moves(self, counts: Mapping[str, int], since: int) -> None:
+    def _start_moves(self, counts: Mapping[str, int], stops: int) -> None:
         """Begin to move axes to counts."""
 
     @abstractmethod
-    def _start_homing(self, axes: list[str], since: int) -> list[str]:
+    def _start_homing(self, axes: list[str], stops: int) -> list[str]:
         """Begin to look for origins, of as many of some axes as can be at the same time; return which."""
 
     @abstractmethod
@@ -264,9 +264,9 @@ class SigmaKokiStage(Stage):
         """Whether a move needs to know where axes are now."""
         return False
 
-    def _order(self, command: str, since: int) -> None:
+    def _order(self, command: str, stops: int) -> None:
         """Give a command that is answered by OK or NG."""
-        reply = self.link.ask(command, since=since)
+        reply = self.link.ask(command, stops=stops)
         if reply == "NG":
             raise self._refused(command)
         if reply != "OK":
@@ -280,6 +280,7 @@ class SigmaKokiStage(Stage):
         )
 
     def _makes_no_sense(self, reply: str, command: str) -> ReplyError:
+        self.link.distrust()
         return ReplyError(
             self.name,
             f"{reply!r} is no answer to {command!r}",
@@ -364,7 +365,7 @@ class SigmaKokiStage(Stage):
     def _home_next(self) -> None:
         waiting, self._to_home = self._to_home, []
         try:
-            begun = self._start_homing(waiting, self._since)
+            begun = self._start_homing(waiting, self._home_stops)
         except RefusedError:
             raise
         except HardwareError:  # it may have begun

@@ -22,8 +22,10 @@ class SerialLink:
     After a reply that did not come, what comes late is thrown away before the next command goes out, as it would be
     taken for the answer to that one. Text is ASCII; terminators are the caller's to name. Methods raise
     :class:`LinkError` if the line is gone, :class:`ReplyTimeoutError` after ``timeout_s``, and
-    :class:`InterruptedByStopError` if a stop came between. A motion that takes several commands gives to each of them
-    what ``stops`` was when it began: after a stop, the rest of them is not sent.
+    :class:`InterruptedByStopError` if a stop came between.
+
+    ``stops`` counts the stops. A command that was decided on before a stop must not go out after it: one that is given
+    the count as it was then is refused if there has been another.
     """
 
     def __init__(
@@ -44,7 +46,8 @@ class SerialLink:
         self._lock = threading.Lock()
         self._stopping = threading.Event()
         self._received = bytearray()
-        self._owed: int | None = 0  # lines that answer what was given up; None if that is not known
+        self._is_behind = False
+        self._owed: int | None = 0  # lines that are to come yet, if that is known
         self.stops = 0
 
     def open(self) -> None:
@@ -64,12 +67,12 @@ class SerialLink:
             raise LinkError(
                 self.device, f"{self.url} cannot be opened ({error})", "see that it is connected, and not in use"
             ) from error
-        self._port, self._received, self._owed = port, bytearray(), 0
+        self._port, self._received, self._is_behind, self._owed = port, bytearray(), False, 0
 
     def close(self) -> None:
         """Close the line; safe to call at any time, and twice.
 
-        What is known to come still is awaited, as the next one to open the line would take it for an answer.
+        Lines that are known to come yet are waited for, as whoever opens it next would take them for answers.
         """
         if self._port is not None and self._owed and self._lock.acquire(timeout=STOP_WAITS_S):
             try:
@@ -82,21 +85,27 @@ class SerialLink:
         if port is not None:
             port.close()
 
-    def send(self, command: str, *, since: int | None = None) -> None:
-        """Send a command that has no reply, unless there were more than ``since`` stops."""
+    def send(self, command: str, *, stops: int | None = None) -> None:
+        """Send a command that has no reply."""
         with self._lock:
-            self._begin(command.encode("ascii") + self._ends, since)
+            self._refuse_if_stopping(stops)
+            self._catch_up()
+            self._write(command.encode("ascii") + self._ends)
 
-    def ask(self, command: str, timeout_s: float | None = None, *, since: int | None = None) -> str:
-        """Send a command, unless there were more than ``since`` stops; return the line that answers, less its end."""
+    def ask(self, command: str, timeout_s: float | None = None, *, stops: int | None = None) -> str:
+        """Send a command and return the line that answers it, without its end."""
         with self._lock:
-            self._begin(command.encode("ascii") + self._ends, since)
+            self._refuse_if_stopping(stops)
+            self._catch_up()
+            self._write(command.encode("ascii") + self._ends)
             return self._line(command, self.timeout_s if timeout_s is None else timeout_s)
 
     def ask_bytes(self, command: bytes, timeout_s: float | None = None) -> str:
         """The same with bytes that go out as they are, such as a query without an end."""
         with self._lock:
-            self._begin(command, None)
+            self._refuse_if_stopping()
+            self._catch_up()
+            self._write(command)
             return self._line(repr(command), self.timeout_s if timeout_s is None else timeout_s)
 
     def read_line(self, timeout_s: float | None = None) -> str:
@@ -104,55 +113,57 @@ class SerialLink:
         with self._lock:
             return self._line("the lines before", self.timeout_s if timeout_s is None else timeout_s)
 
-    def urgent(self, data: bytes, replies: int | None = None) -> None:
+    def distrust(self) -> None:
+        """Throw away what still comes before the next command goes out: the last reply made no sense."""
+        self._is_behind, self._owed = True, None
+
+    def urgent(self, data: bytes, *, is_answered: bool = True, lines: int | None = None) -> None:
         """Write a stop: a transaction that is under way is given up, and never waited for longer than 50 ms.
 
-        Replies to it, and what is left of the other one, are thrown away before the next command. If it is known how
-        many lines answer the stop, that takes until they have come; otherwise until nothing can come any more.
+        Replies to it, and what is left of the other one, are thrown away before the next command; a stop that has no
+        reply, and gave up no transaction, needs no waiting for them. If it is known how many ``lines`` answer it, and
+        what it gave up is answered by one, that takes until they have come.
         """
         self.stops += 1
         self._stopping.set()
         has_lock = self._lock.acquire(timeout=STOP_WAITS_S)
         try:
             self._write(data)
-            known = has_lock and replies is not None and self._owed is not None
-            self._owed = (self._owed or 0) + (replies or 0) if known else None
+            self._is_behind = self._is_behind or is_answered or not has_lock
+            known = has_lock and lines is not None and self._owed is not None
+            self._owed = (self._owed or 0) + (lines or 0) if known else None
         finally:
             self._stopping.clear()
             if has_lock:
                 self._lock.release()
 
-    def _begin(self, data: bytes, since: int | None) -> None:
-        self._refuse_if_stopping()
-        self._catch_up()
-        if since is not None and self.stops > since:  # a stop counts first and writes then, so that it comes later
-            raise self._interrupted()
-        self._write(data)
-
-    def _refuse_if_stopping(self) -> None:
-        if self._stopping.is_set():
+    def _refuse_if_stopping(self, stops: int | None = None) -> None:
+        if self._stopping.is_set() or stops not in (None, self.stops):
             raise self._interrupted()
 
     def _catch_up(self) -> None:
         """Throw away what belongs to no command: what has come by now, and after a missing reply what comes late."""
-        wait_until = time.monotonic() + self.timeout_s
-        while self._owed is None or self._received.count(self._reply_ends) < self._owed:
-            self._refuse_if_stopping()
-            if not self._read() and time.monotonic() > wait_until:
-                break
-        while self._waiting():
-            self._read()
         self._received.clear()
-        self._owed = 0
+        wait_until = time.monotonic() + (self.timeout_s if self._is_behind else 0.0)
+        while self._has_come() or (not self._has_all() and time.monotonic() < wait_until):
+            self._read()
+            self._refuse_if_stopping()
+        self._received.clear()
+        self._is_behind, self._owed = False, 0
+
+    def _has_all(self) -> bool:
+        return self._owed is not None and self._received.count(self._reply_ends) >= self._owed
 
     def _line(self, command: str, timeout_s: float) -> str:
         deadline = time.monotonic() + timeout_s
         while (end := self._received.find(self._reply_ends)) < 0:
             if self._stopping.is_set():
-                self._owed = 1
-                raise self._interrupted()
+                self._is_behind, self._owed = True, 1
+                raise InterruptedByStopError(
+                    self.device, "a stop came first", "look at the state before the next command"
+                )
             if time.monotonic() > deadline:
-                self._owed = None
+                self._is_behind, self._owed = True, None
                 raise ReplyTimeoutError(
                     self.device,
                     f"no reply to {command!r} within {timeout_s:g} s",
@@ -163,21 +174,20 @@ class SerialLink:
         del self._received[: end + len(self._reply_ends)]
         return line.decode("ascii", errors="replace")
 
-    def _read(self) -> bool:
-        """Add what has come to what was received, waiting for a moment if nothing has; return whether anything has."""
+    def _has_come(self) -> bool:
+        """Return whether there is something to read, without waiting."""
         port = self._opened()
         try:
-            came = port.read(max(1, port.in_waiting))
-        except (OSError, ValueError, TypeError) as error:  # the last of a port that another thread closes meanwhile
-            raise self._lost(error) from error
-        self._received += came
-        return bool(came)
-
-    def _waiting(self) -> bool:
-        port = self._opened()
-        try:
-            return bool(port.in_waiting)
+            return port.in_waiting > 0
         except (OSError, ValueError, TypeError) as error:
+            raise self._lost(error) from error
+
+    def _read(self) -> None:
+        """Add what has come to what was received, waiting for a moment if nothing has."""
+        port = self._opened()
+        try:
+            self._received += port.read(max(1, port.in_waiting))
+        except (OSError, ValueError, TypeError) as error:  # the last of a port that another thread closes meanwhile
             raise self._lost(error) from error
 
     def _write(self, data: bytes) -> None:
