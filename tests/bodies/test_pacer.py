@@ -48,9 +48,7 @@ def test_a_missed_deadline_stops_by_its_number_and_how_late_it_is() -> None:
     clock.work(10)
     pacer.wait(PERIOD_NS)
     clock.work(62.5)
-    with pytest.raises(
-        MissedDeadlineError, match=r"period 2 of 50 ms ended 12\.5 ms late: the body was stopped"
-    ):
+    with pytest.raises(MissedDeadlineError, match=r"period 2 of 50 ms ended 12\.5 ms late: the body was stopped"):
         pacer.wait(PERIOD_NS)
 
 

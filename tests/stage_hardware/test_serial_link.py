@@ -183,3 +183,38 @@ def test_bytes_take_their_time() -> None:
         began = time.monotonic()
         link.ask("x" * 22)
         assert 0.05 <= time.monotonic() - began < 0.2  # 24 bytes each way
+
+
+def test_after_a_stop_whose_answer_is_known_nothing_waits_for_more(wire: tuple[Wire, Echo]) -> None:
+    wire[0].faults.late_reply, wire[0].faults.late_s = 1, 0.2
+    with linked(wire[0], timeout_s=5) as link:
+        link.urgent(b"STOP\r\n", lines=1)
+        began = time.monotonic()
+        assert link.ask("after") == "after"
+        assert 0.15 < time.monotonic() - began < 2
+
+
+def test_what_a_stop_gave_up_is_waited_for_as_well(wire: tuple[Wire, Echo]) -> None:
+    wire[0].faults.late_reply, wire[0].faults.late_s = 1, 0.4
+
+    def ask(link: SerialLink) -> None:
+        with pytest.raises(InterruptedByStopError):
+            link.ask("slow")
+
+    with linked(wire[0], timeout_s=5) as link:
+        thread = threading.Thread(target=ask, args=(link,))
+        thread.start()
+        time.sleep(0.1)
+        link.urgent(b"STOP\r\n", lines=1)
+        thread.join(2)
+        began = time.monotonic()
+        assert link.ask("after") == "after"
+        assert time.monotonic() - began < 2
+
+
+def test_an_answer_that_is_still_to_come_is_none_for_who_connects_next(wire: tuple[Wire, Echo]) -> None:
+    wire[0].faults.late_reply, wire[0].faults.late_s = 1, 0.1
+    with linked(wire[0]) as link:
+        link.urgent(b"STOP\r\n", lines=1)
+    with linked(wire[0]) as link:
+        assert link.ask("other") == "other"

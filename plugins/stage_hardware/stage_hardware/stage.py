@@ -7,6 +7,8 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Self
 
+from stage_hardware.errors import HardwareError
+
 
 @dataclass(frozen=True)
 class Axis:
@@ -69,6 +71,8 @@ class Stage(ABC):
 
     name: str
     axes: Mapping[str, Axis]
+    begins_while_moving: bool = True
+    """Whether an axis can be sent somewhere while another one is under way."""
 
     def __init__(self, name: str, axes: Mapping[str, Axis]) -> None:
         """Remember what is known before connecting."""
@@ -101,6 +105,26 @@ class Stage(ABC):
     @abstractmethod
     def state(self) -> StageState:
         """Ask the controller how all axes are."""
+
+    def _refuse_unknown(self, axes: Collection[str]) -> None:
+        """Raise a HardwareError for an axis that is not there."""
+        for axis in axes:
+            if axis not in self.axes:
+                raise HardwareError(self.name, f"there is no axis {axis!r}", f"it has {', '.join(self.axes)}")
+
+    def _refuse_targets(self, targets: Mapping[str, float], referenced: Collection[str]) -> None:
+        """Raise a HardwareError for a target that is beyond the limits, or of an axis that is not referenced."""
+        self._refuse_unknown(targets)
+        for name, target in targets.items():
+            axis = self.axes[name]
+            if not axis.lo <= target <= axis.hi:
+                raise HardwareError(
+                    self.name,
+                    f"axis {name} would go to {target:g} {axis.unit}",
+                    f"stay within {axis.lo:g}..{axis.hi:g} {axis.unit}",
+                )
+            if name not in referenced:
+                raise HardwareError(self.name, f"axis {name} does not know where it is", "home it first")
 
     def __enter__(self) -> Self:
         """Connect."""

@@ -58,6 +58,7 @@ class SerialLink:
         self._stopping = threading.Event()
         self._received = bytearray()
         self._is_behind = False
+        self._owed: int | None = 0  # lines that are to come yet, if that is known
         self.stops = 0
 
     def open(self) -> None:
@@ -80,10 +81,20 @@ class SerialLink:
         connection = getattr(port, "_socket", None)  # of a TCP port
         if connection is not None:  # or a stop would wait until what went before it was acknowledged, some 40 ms
             connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self._port, self._received, self._is_behind = port, bytearray(), False
+        self._port, self._received, self._is_behind, self._owed = port, bytearray(), False, 0
 
     def close(self) -> None:
-        """Close the line; safe to call at any time, and twice."""
+        """Close the line; safe to call at any time, and twice.
+
+        Lines that are known to come yet are waited for, as whoever opens it next would take them for answers.
+        """
+        if self._port is not None and self._owed and self._lock.acquire(timeout=STOP_WAITS_S):
+            try:
+                self._catch_up()
+            except HardwareError:
+                pass
+            finally:
+                self._lock.release()
         port, self._port = self._port, None
         if port is not None:
             connection = getattr(port, "_socket", None)  # which pyserial leaves open if its other end is gone
@@ -121,13 +132,14 @@ class SerialLink:
 
     def distrust(self) -> None:
         """Throw away what still comes before the next command goes out: the last reply made no sense."""
-        self._is_behind = True
+        self._is_behind, self._owed = True, None
 
-    def urgent(self, data: bytes, *, is_answered: bool = True) -> None:
+    def urgent(self, data: bytes, *, is_answered: bool = True, lines: int | None = None) -> None:
         """Write a stop: a transaction that is under way is given up, and never waited for longer than 50 ms.
 
         Replies to it, and what is left of the other one, are thrown away before the next command; a stop that has no
-        reply, and gave up no transaction, needs no waiting for them.
+        reply, and gave up no transaction, needs no waiting for them. If it is known how many ``lines`` answer it, and
+        what it gave up is answered by one, that takes until they have come.
         """
         self.stops += 1
         self._stopping.set()
@@ -135,6 +147,8 @@ class SerialLink:
         try:
             self._write(data)
             self._is_behind = self._is_behind or is_answered or not has_lock
+            known = has_lock and lines is not None and self._owed is not None
+            self._owed = (self._owed or 0) + (lines or 0) if known else None
         finally:
             self._stopping.clear()
             if has_lock:
@@ -146,26 +160,32 @@ class SerialLink:
 
     def _catch_up(self) -> None:
         """Throw away what belongs to no command: what has come by now, and after a missing reply what comes late."""
+        thrown = bytearray() if self._knows_replies else self._received
+        self._received = self._received if self._knows_replies else bytearray()
         wait_until = time.monotonic() + (self.timeout_s if self._is_behind and not self._knows_replies else 0.0)
-        while self._has_come() or time.monotonic() < wait_until:
+        while self._has_come() or (not self._has_all() and time.monotonic() < wait_until):
             self._read()
             self._refuse_if_stopping()
         lines, end, rest = self._received.rpartition(self._reply_ends)
-        thrown, self._received = (lines + end, rest) if self._knows_replies else (self._received, bytearray())
+        thrown += lines + end if self._knows_replies else self._received
+        self._received = rest if self._knows_replies else bytearray()
         if thrown and self._unasked:
             self._unasked(thrown.decode("ascii", errors="replace"))
-        self._is_behind = False
+        self._is_behind, self._owed = False, 0
+
+    def _has_all(self) -> bool:
+        return self._owed is not None and self._received.count(self._reply_ends) >= self._owed
 
     def _line(self, command: str, timeout_s: float) -> str:
         deadline = time.monotonic() + timeout_s
         while (end := self._received.find(self._reply_ends)) < 0:
             if self._stopping.is_set():
-                self._is_behind = True
+                self._is_behind, self._owed = True, 1
                 raise InterruptedByStopError(
                     self.device, "a stop came first", "look at the state before the next command"
                 )
             if time.monotonic() > deadline:
-                self._is_behind = True
+                self._is_behind, self._owed = True, None
                 raise ReplyTimeoutError(
                     self.device,
                     f"no reply to {command!r} within {timeout_s:g} s",
