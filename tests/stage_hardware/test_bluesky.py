@@ -38,7 +38,7 @@ def mock() -> MockStage:
 def wired() -> Iterator[Stage]:
     """A stage whose axes cannot move at the same time."""
     axes = {"x": SigmaKokiAxis(TABLE, 1, Fraction(1)), "y": SigmaKokiAxis(TABLE, 2, Fraction(1))}
-    with ShotEmulator(baud=0, processing_s=0) as emulator, ShotStage("m", emulator.url, axes) as stage:
+    with ShotEmulator(baud=0, processing_s=0) as emulator, ShotStage("m", emulator.url, axes, timeout_s=2.0) as stage:
         emulator.origin_speeds = Speeds(5000, 20_000, 10)
         yield homed(stage)
 
