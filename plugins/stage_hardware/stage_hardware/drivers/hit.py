@@ -37,6 +37,8 @@ class HitStage(SigmaKokiStage):
     An HSC-103 counts 100 pulses per um. The controllers want RTS/CTS. Speeds cannot be read back.
     """
 
+    like_no_other = "?:N", "(?!OK$).*[A-Z].*"
+
     def __init__(
         self,
         name: str,
@@ -66,14 +68,14 @@ class HitStage(SigmaKokiStage):
 
     def _identify(self) -> None:
         if self.controller.told_name is not None:
-            told = self.link.ask("?:N").replace(" ", "")
+            told = self._ask("?:N").replace(" ", "")
             if told != self.controller.told_name:
                 raise HardwareError(
                     self.name,
                     f"it calls itself {told!r}, not {self.controller.told_name!r}",
                     "name the controller that it is",
                 )
-        if self.controller.has_formats and self.link.ask("?:FMT") != "HIT":
+        if self.controller.has_formats and self._ask("?:FMT") != "HIT":
             self._order("FMT:HIT", self.link.stops)
 
     def _set_up(self) -> None:
@@ -90,11 +92,13 @@ class HitStage(SigmaKokiStage):
     def _read(self) -> Reading:
         """Ask `!:` and then `Q:`, so that the counts of axes that rest are those at which they rest."""
         busy = self._numbers("!:")
+        if not set(busy) <= {0, 1}:
+            raise self._makes_no_sense(",".join(map(str, busy)), "!:")
         counts = self._numbers("Q:")
         return Reading(time.monotonic_ns(), counts, tuple(map(bool, busy)), (False,) * len(counts))
 
     def _numbers(self, command: str) -> tuple[int, ...]:
-        reply = self.link.ask(command)
+        reply = self._ask(command)
         numbers = self._integers(reply.split(","), reply, command)
         if len(numbers) != self.controller.connectors:
             raise self._makes_no_sense(reply, command)

@@ -57,6 +57,7 @@ class ShotStage(SigmaKokiStage):
     """
 
     begins_while_moving = False
+    like_no_other = "!:", "[BR]"
 
     def __init__(
         self,
@@ -129,7 +130,7 @@ class ShotStage(SigmaKokiStage):
         return any(speeds.fast > 200 for speeds in self.speeds.values())
 
     def _has_lost_settings(self) -> bool:
-        reply = self.link.ask("?:DW")
+        reply = self._ask("?:DW")
         told = [Speeds(*map(int, each)) for each in re.findall(r"S(\d+)F(\d+)R(\d+)", reply)]
         if len(told) != self.controller.connectors:
             raise self._makes_no_sense(reply, "?:DW")
@@ -137,7 +138,7 @@ class ShotStage(SigmaKokiStage):
             return True
         if all(axis.division is None for axis in self._axes.values()):
             return False
-        reply = self.link.ask("?:SW")
+        reply = self._ask("?:SW")
         divisions = self._integers(reply.split(","), reply, "?:SW")
         if len(divisions) != self.controller.connectors:
             raise self._makes_no_sense(reply, "?:SW")
@@ -145,7 +146,7 @@ class ShotStage(SigmaKokiStage):
 
     def _read(self) -> Reading:
         """Ask `Q:`; its columns are fixed: ten for each count, and then three letters."""
-        reply = self.link.ask("Q:")
+        reply = self._ask("Q:")
         time_ns = time.monotonic_ns()
         axes, rest = divmod(len(reply) - 5, FIELD + 1)
         if rest or axes < 1 or re.fullmatch(r",[XK],[0-9A-FKLMW],[BR]", reply[-6:]) is None:

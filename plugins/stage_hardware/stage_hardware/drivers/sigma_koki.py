@@ -8,6 +8,7 @@ reference if 0, which a restart leaves, is a count that it may have. Not tried o
 """
 
 import math
+import re
 import threading
 import time
 from abc import abstractmethod
@@ -128,6 +129,9 @@ class SigmaKokiStage(Stage):
     tells_settings = False
     """Whether what was written can be read back."""
 
+    like_no_other: tuple[str, str]
+    """A query, and the pattern of its answer, which cannot be that of any other command that is used."""
+
     def __init__(self, name: str, axes: Mapping[str, SigmaKokiAxis], link: SerialLink, connectors: int) -> None:
         """Take axes by name, each at a connector of its own."""
         numbers = [axis.number for axis in axes.values()]
@@ -149,6 +153,7 @@ class SigmaKokiStage(Stage):
         self._faults: dict[str, str] = {}  # by axis, or "" for the controller
         self._restarted = False
         self._answered_ns = 0
+        self._in_step = True  # answers are those to the commands that they follow
         self._stops = self.link.stops
 
     def connect(self) -> None:
@@ -264,9 +269,24 @@ class SigmaKokiStage(Stage):
         """Whether a move needs to know where axes are now."""
         return False
 
+    def _ask(self, command: str, stops: int | None = None) -> str:
+        try:
+            return self.link.ask(command, stops=stops)
+        except ReplyTimeoutError:
+            self._in_step = False
+            raise
+
+    def _get_in_step(self) -> None:
+        """Ask what no other answer fits: one that comes later than the link waits for it would be taken for another."""
+        query, pattern = self.like_no_other
+        reply = self._ask(query)
+        if re.fullmatch(pattern, reply) is None:
+            raise self._makes_no_sense(reply, query)
+        self._in_step = True
+
     def _order(self, command: str, stops: int) -> None:
         """Give a command that is answered by OK or NG."""
-        reply = self.link.ask(command, stops=stops)
+        reply = self._ask(command, stops)
         if reply == "NG":
             raise self._refused(command)
         if reply != "OK":
@@ -281,6 +301,7 @@ class SigmaKokiStage(Stage):
 
     def _makes_no_sense(self, reply: str, command: str) -> ReplyError:
         self.link.distrust()
+        self._in_step = False
         return ReplyError(
             self.name,
             f"{reply!r} is no answer to {command!r}",
@@ -304,6 +325,8 @@ class SigmaKokiStage(Stage):
     def _observe(self) -> Reading:
         self._notice_stops()
         try:
+            if not self._in_step:
+                self._get_in_step()
             reading = self._read()
         except ReplyTimeoutError:
             if not self.tells_settings:
