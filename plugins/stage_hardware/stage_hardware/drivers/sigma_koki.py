@@ -202,6 +202,8 @@ class SigmaKokiStage(Stage):
         with self._turn:
             self._refuse_unknown(axes)
             self._notice_stops()
+            if not self._in_step:
+                self._get_in_step()
             if self._restarted:
                 self._set_up()
                 self._restarted = False
@@ -219,7 +221,8 @@ class SigmaKokiStage(Stage):
             if not targets:
                 return
             self._notice_stops()
-            if self._must_look_before_it_moves(targets) or time.monotonic_ns() - self._answered_ns > RESTART_NS:
+            is_old = not self._in_step or time.monotonic_ns() - self._answered_ns > RESTART_NS
+            if is_old or self._must_look_before_it_moves(targets):
                 self._observe()
                 self._refuse_targets(targets, self._referenced)
             counts = {name: self._axes[name].pulses(target) for name, target in targets.items()}
