@@ -330,13 +330,14 @@ def _back_through_model(
     assert before is not None
     steps, _, neurons = current.shape
     grad_current = native.empty(current.shape)
+    if grad_last is None:
+        grad_last = state.new_zeros(state.shape)  # contiguous at any rate
     if recurrent_weight is None:
-        grad_state = torch.zeros_like(state) if grad_last is None else grad_last.clone()
+        grad_state = grad_last.clone()
         native.model_back(neuron, before, current, grad_spikes, grad_state, grad_current)
         return _Gradients(grad_current, grad_state, None)
-    if grad_last is None:
-        grad_last = torch.zeros_like(state)
-    grad_state, of_fired = grad_last[:, :-neurons].contiguous(), grad_last[:, -neurons:]
+    of_fired = grad_last[:, -neurons:]
+    grad_state = grad_last[:, :-neurons].clone(memory_format=torch.contiguous_format)  # it is overwritten
     for t in range(steps - 1, -1, -1):
         now = slice(t, t + 1)
         grads = (grad_spikes[t] + of_fired).unsqueeze(0)

@@ -50,7 +50,7 @@ typedef struct {
 } model;
 
 INLINE float exponential(float x) {
-    x = x < -87.0f ? -87.0f : x > 88.0f ? 88.0f : x;
+    x = x > -87.0f ? x > 88.0f ? 88.0f : x : -87.0f; /* where a NaN ends too, of which there is no whole number */
     float whole = x * 1.44269504088896340736f + 0x1.8p23f - 0x1.8p23f; /* rounded by what a float has room for */
     float rest = x - whole * 0.693359375f - whole * -2.12194440e-4f, sums = 1.9875691500e-4f;
     union {

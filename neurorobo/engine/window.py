@@ -44,11 +44,7 @@ def run_window(
             raise ValueError(f"a threshold is one for all or for each of {neurons}, got {tuple(threshold.shape)}")
         _check("threshold", threshold, current)
     if recurrent_weight is not None:
-        if recurrent_weight.shape != (neurons, neurons):
-            raise ValueError(
-                f"the recurrent weights of {neurons} neurons are of {(neurons, neurons)}, "
-                f"got {tuple(recurrent_weight.shape)}"
-            )
+        _check_recurrent(recurrent_weight, neurons)
         _check("recurrent weight", recurrent_weight, current)
     return run_checked(current, potential, neuron, threshold, recurrent_weight)
 
@@ -72,6 +68,13 @@ def _check_window(current: Tensor) -> None:
         )
     if not current.is_floating_point():
         raise ValueError(f"a current is of floating-point numbers, got {current.dtype}")
+
+
+def _check_recurrent(weight: Tensor, neurons: int) -> None:
+    if weight.shape != (neurons, neurons):
+        raise ValueError(
+            f"the recurrent weights of {neurons} neurons are of {(neurons, neurons)}, got {tuple(weight.shape)}"
+        )
 
 
 def _check(name: str, tensor: Tensor, current: Tensor, first: int = 0) -> None:
@@ -113,20 +116,26 @@ def run_neurons(
 ) -> tuple[Tensor, Tensor]:
     """Run neurons of any model through a window, the fastest way there is; the current is given away.
 
-    Of LIF neurons it is :func:`run_window`; of others all else is as in :func:`run_steps`, and there is no threshold.
+    Of LIF neurons it is :func:`run_window`; of others all else is as in :func:`run_steps`, and a threshold is refused
+    with a ValueError.
     """
     if type(neuron) is LIF:
         return run_window(current, state, neuron, threshold, recurrent_weight)
+    if threshold is not None:
+        raise ValueError(f"only LIF neurons can be given thresholds, not those of {type(neuron).__name__}")
     native, recurrent = kernels(), recurrent_weight is not None
     if (
         native is None
         or not is_on_native_path(neuron, recurrent=recurrent)
         or not is_native(current, state, recurrent_weight)
+        or not current.is_contiguous()
         or current.dim() != 3
         or state.shape != (current.shape[1], carried(neuron, current.shape[2], recurrent=recurrent))
     ):
         return run_steps(current, state, neuron, recurrent_weight)
     _check_window(current)
+    if recurrent_weight is not None:
+        _check_recurrent(recurrent_weight, current.shape[2])
     population = Population(neuron, (), CheckedWeights())
     return run_events(native, population, (), (), state, None, recurrent_weight, current)
 
@@ -138,7 +147,8 @@ def run_steps(
 
     As there, but gradients are autograd's, nothing is overwritten, and ``state`` (batch, variables) is the neuron's.
     With a ``recurrent_weight`` it has the last spikes (batch, neurons) behind the neuron's variables. Raises a
-    ValueError if the batches differ, or if the neuron returns spikes or a state of another size.
+    ValueError if the batches differ, if the recurrent weights are not those of as many neurons, or if the neuron
+    returns spikes or a state of another size.
     """
     _check_window(current)
     _, batch, neurons = current.shape
@@ -146,6 +156,7 @@ def run_steps(
         raise ValueError(f"the state is of a batch of {len(state)}, the current of {batch}")
     fired: Tensor | None = None
     if recurrent_weight is not None:
+        _check_recurrent(recurrent_weight, neurons)
         state, fired = state[:, :-neurons], state[:, -neurons:]
     before, spikes = state.shape, []
     for now in current.unbind():

@@ -243,3 +243,64 @@ def test_a_scan_of_currents_is_the_neurons_own_steps(neuron: Neuron, gain: float
         wanted, wanted_after = run_steps(current, state, neuron, weight)
     assert torch.equal(fired, wanted)
     assert torch.equal(after, wanted_after)
+
+
+def transposed(tensor: Tensor) -> Tensor:
+    """The same numbers, with the first dimension behind the last in memory."""
+    return tensor.movedim(0, -1).contiguous().movedim(-1, 0)
+
+
+@models
+def test_tensors_may_lie_in_memory_in_any_order(neuron: Neuron, gain: float) -> None:
+    layer = build(neuron, gain)
+    before = a_state(layer)
+    with torch.no_grad():
+        current = layer.projections[0](spikes())
+    scale = torch.rand(current.shape, generator=torch.Generator().manual_seed(4))
+
+    def run(current: Tensor, state: Tensor, of_spikes: Tensor) -> tuple[Tensor, Tensor]:
+        state.requires_grad_()
+        fired, _ = run_neurons(current, state, neuron)
+        return fired.detach(), torch.autograd.grad(fired, state, of_spikes)[0]
+
+    wanted, gradient = run(current.clone(), before.clone(), scale)
+    assert not any(transposed(tensor).is_contiguous() for tensor in (current, before, scale))
+    fired, same = run(transposed(current), before.clone(), scale)
+    assert torch.equal(fired, wanted)
+    torch.testing.assert_close(same, gradient, rtol=1e-4, atol=1e-5 * float(gradient.abs().max()))
+    for state, of_spikes in ((transposed(before), scale), (before.clone(), transposed(scale))):
+        fired, same = run(current.clone(), state, of_spikes)
+        assert torch.equal(fired, wanted)
+        assert torch.equal(same, gradient)
+
+
+@pytest.mark.parametrize("recurrent", [False, True])
+@models
+def test_the_gradient_that_comes_in_stays_as_it_is(neuron: Neuron, gain: float, recurrent: bool) -> None:
+    layer = build(neuron, gain, recurrent=recurrent)
+    state = layer.at_rest(1).requires_grad_()
+    _, after = layer([spikes(batch=1)] * 2, state)
+    given = torch.rand(after.shape, generator=torch.Generator().manual_seed(4))
+    kept = given.clone()
+    torch.autograd.grad(after, state, given)
+    assert torch.equal(given, kept)
+
+
+@models
+def test_what_does_not_fit_the_neurons_is_refused(neuron: Neuron, gain: float) -> None:
+    current, state = torch.zeros(2, 1, 3), neuron.at_rest(1, 3)
+    recurrent_state = torch.cat([state, torch.zeros(1, 3)], dim=1)
+    for path in ("native", "portable"):
+        with engine(path):
+            with pytest.raises(ValueError, match=r"weights of 3 neurons are of \(3, 3\), got \(2, 2\)"):
+                run_neurons(current, recurrent_state, neuron, None, torch.zeros(2, 2))
+            with pytest.raises(ValueError, match="only LIF neurons can be given thresholds"):
+                run_neurons(current, state, neuron, torch.ones(3))
+
+
+def test_a_potential_that_overflows_is_no_undefined_exponent() -> None:
+    neuron = AdEx(input_gain=100.0)
+    with torch.no_grad():
+        fired, after = run_neurons(torch.full((2, 1, 3), -3e38), neuron.at_rest(1, 3), neuron)
+    assert not fired.any()
+    assert after[:, :3].isnan().all()
