@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 import runpy
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -186,7 +187,11 @@ def test_the_documents_show_what_was_measured(tmp_path: Path) -> None:
     rows = json.loads((BENCHMARK / "eyeblink.json").read_text())["rows"]
     EYEBLINK["publish"](rows, tmp_path)
     for name in ("eyeblink.md", "eyeblink.svg"):
-        assert (tmp_path / name).read_text() == (BENCHMARK / name).read_text(), name
+        # The names of clip paths hang on what else the process has drawn.
+        now, then = (
+            re.sub(r"\bp[0-9a-f]{10}\b", "clip", (folder / name).read_text()) for folder in (tmp_path, BENCHMARK)
+        )
+        assert now == then, name
 
 
 def test_the_text_says_what_was_measured() -> None:
