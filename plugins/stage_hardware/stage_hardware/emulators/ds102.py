@@ -1,13 +1,13 @@
 """Emulates Suruga Seiki's DS102 and DS112, also sold as MISUMI DS102MS.
 
-From what the manufacturer's samples and independent drivers publish; not compared with a device. Uncertain, and
-chosen here: when E-codes come (a switch), that the rest of a refused line is dropped, that queries joined by `:` are
-answered by a line each, that settings cannot be written on the way, that `STOP` stops all axes whatever is selected
-and waits for the end of a `DW`, that axis 1 is selected at first, what speeds a new controller has, which limit edge
-origin types 5 and 6 look for (5 the counterclockwise one), that `*RST` is deaf for its 5 s and ends as a power cycle
-does, and the format of positions in units other than pulses. An origin is run to in a straight line, S-curves are
-trapezoids, and the memory switches 1 to 6 are kept and do nothing. Not there: interpolation (`GOLI`, `GOLA`),
-teaching, programs; they are refused. Long forms of keywords are known of two, `AXIs` and `PULSe`.
+From what the manufacturer's samples and independent drivers publish; not compared with a device. Uncertain, and chosen
+here: when E-codes come (a switch), that the rest of a refused line is dropped, that queries joined by `:` are answered
+by a line each, that settings cannot be written on the way, that `STOP` stops all axes whatever is selected and waits
+for the end of a `DW`, that axis 1 is selected at first, what speeds a new controller has, which limit edge origin types
+5 and 6 look for (5 the counterclockwise one), that `*RST` is deaf for its 5 s and ends as a power cycle does, and the
+format of positions in units other than pulses. An origin is run to in a straight line, S-curves are trapezoids, and the
+memory switches 1 to 6 are kept and do nothing. Not there: interpolation (`GOLI`, `GOLA`), teaching, programs; they are
+refused. Long forms of keywords are known of two, `AXIs` and `PULSe`.
 """
 
 import re
