@@ -128,7 +128,6 @@ def run_neurons(
         native is None
         or not is_on_native_path(neuron, recurrent=recurrent)
         or not is_native(current, state, recurrent_weight)
-        or not current.is_contiguous()
         or current.dim() != 3
         or state.shape != (current.shape[1], carried(neuron, current.shape[2], recurrent=recurrent))
     ):
@@ -137,7 +136,7 @@ def run_neurons(
     if recurrent_weight is not None:
         _check_recurrent(recurrent_weight, current.shape[2])
     population = Population(neuron, (), CheckedWeights())
-    return run_events(native, population, (), (), state, None, recurrent_weight, current)
+    return run_events(native, population, (), (), state, None, recurrent_weight, current.contiguous())
 
 
 def run_steps(
