@@ -146,13 +146,20 @@ def run_steps(
 
     As there, but gradients are autograd's, nothing is overwritten, and ``state`` (batch, variables) is the neuron's.
     With a ``recurrent_weight`` it has the last spikes (batch, neurons) behind the neuron's variables. Raises a
-    ValueError if the batches differ, if the recurrent weights are not those of as many neurons, or if the neuron
-    returns spikes or a state of another size.
+    ValueError if sizes or types of numbers do not fit, or if the neuron returns spikes or a state of another size.
     """
     _check_window(current)
     _, batch, neurons = current.shape
     if len(state) != batch:
         raise ValueError(f"the state is of a batch of {len(state)}, the current of {batch}")
+    variables = neuron.at_rest(1, neurons).shape[1] + (0 if recurrent_weight is None else neurons)
+    if state.shape != (batch, variables):
+        raise ValueError(
+            f"the state of {neurons} neurons {type(neuron).__name__} is of {(batch, variables)} (batch, variables), "
+            f"got {tuple(state.shape)}"
+        )
+    if state.dtype != current.dtype:
+        raise ValueError(f"a state of {state.dtype} does not go with a current of {current.dtype}")
     fired: Tensor | None = None
     if recurrent_weight is not None:
         _check_recurrent(recurrent_weight, neurons)

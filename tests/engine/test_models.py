@@ -299,6 +299,21 @@ def test_what_does_not_fit_the_neurons_is_refused(neuron: Neuron, gain: float) -
                 run_neurons(current, state, neuron, torch.ones(3))
 
 
+@pytest.mark.parametrize("recurrent", [False, True])
+@models
+def test_a_state_of_another_size_or_type_is_refused(neuron: Neuron, gain: float, recurrent: bool) -> None:
+    layer = build(neuron, gain, recurrent=recurrent)
+    state = layer.at_rest(3)
+    variables = state.shape[1]
+    for path in ("native", "portable"):
+        with engine(path):
+            for other in (state[:, :1], state[:, :-1], torch.cat([state, state], dim=1)):
+                with pytest.raises(ValueError, match=rf"150 neurons .* is of \(3, {variables}\) .* got \(3, "):
+                    layer([spikes()] * 2, other)
+            with pytest.raises(ValueError, match=r"state of torch\.float64 does not go with a current"):
+                layer([spikes()] * 2, state.double())
+
+
 def test_a_potential_that_overflows_is_no_undefined_exponent() -> None:
     neuron = AdEx(input_gain=100.0)
     with torch.no_grad():
