@@ -81,7 +81,7 @@ class Layer(nn.Module):
     def fired(self, state: Tensor) -> Tensor:
         """Return who fired last, 0 or 1 (batch, neurons), without gradients; a ValueError if a state does not tell.
 
-        Those of LIF neurons and of recurrent layers do.
+        Those of LIF neurons and of recurrent layers do; of soft units it is what they sent.
         """
         state, neuron = state.detach(), self.neuron
         if type(neuron) is LIF:

@@ -24,8 +24,8 @@ class Izhikevich:
         where V reaches peak_mV: a spike, V <- c, u <- u + d
 
     ``V`` and ``c`` are in mV, time in ms. One step of ``step_ms`` takes ``substeps`` of Euler's method, in which ``u``
-    sees the new ``V``, as in the published program (which updates ``u`` once a millisecond, and ``V`` twice); a
-    potential that has reached its peak stays there until the step ends, so that a neuron fires at most once a step.
+    sees the new ``V``, as in the published program (which updates ``u`` once a millisecond, and ``V`` twice). An
+    upstroke is cut off at its peak, and a neuron that is there when the step ends fires: at most once a step.
     The state (batch, 2 x neurons) is ``V``, then ``u``. Source: Izhikevich 2003. The surrogate's width is in mV.
     """
 
@@ -86,9 +86,9 @@ class AdEx:
         where V reaches peak_mV: a spike, V <- reset_mV, w <- w + b
 
     In pF, nS, mV, ms and pA. One step of ``step_ms`` takes ``substeps`` of Euler's method, in which ``w`` sees the new
-    ``V``; a potential that has reached its peak stays there until the step ends, so that a neuron fires at most once a
-    step. The state (batch, 2 x neurons) is ``V``, then ``w``. Source: Brette & Gerstner 2005, whose cell the defaults
-    are. The surrogate's width is in mV.
+    ``V``. An upstroke is cut off at its peak, and a neuron that is there when the step ends fires: at most once a step.
+    The state (batch, 2 x neurons) is ``V``, then ``w``. Source: Brette & Gerstner 2005, whose cell the defaults are.
+    The surrogate's width is in mV.
     """
 
     capacitance_pF: float = 281.0
@@ -166,7 +166,7 @@ def _resting(values: tuple[float, float], batch: int, neurons: int) -> "Tensor":
 
 
 def _at_most(potential: "Tensor", peak: float, *, last: bool) -> "Tensor":
-    """Return potentials (batch, neurons) that stay at their peak; of the last substep with the gradient of those above.
+    """Return potentials (batch, neurons), cut off at their peak; of the last substep with the gradient of those above.
 
     Without it, neurons that fire would learn nothing; earlier on, it would be that of an upstroke, which is boundless.
     """
