@@ -42,6 +42,7 @@ _DIMENSIONS = {
     "a voltage": "mV",
     "a current": "nA",
     "a resistance": "ohm",
+    "a conductance": "nS",
     "a capacitance": "pF",
     "a pressure": "Pa",
     "a power": "W",

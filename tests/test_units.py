@@ -51,6 +51,8 @@ def test_a_quantity_is_read_in_the_unit_asked_for(text: str, unit: str, number: 
         ("5 ms", "um", "'5 ms' is a time, wanted a length such as '1 um'"),
         ("5 Hz", "rad/s", "'5 Hz' is a frequency, wanted an angular speed such as '1 rad/s'"),
         ("3 um", "1", "'3 um' is a length, wanted a plain number such as '0.5'"),
+        ("2 mV", "nS", "'2 mV' is a voltage, wanted a conductance such as '1 nS'"),
+        ("281 pS", "pF", "'281 pS' is a conductance, wanted a capacitance such as '1 pF'"),
         ("5 um", "N*s/m", "'5 um' is a length, wanted a quantity such as '1 N*s/m'"),
         ("5 N*s/m", "um", "'5 N*s/m' is something else, wanted a length such as '1 um'"),
         ("80", "mN/um", "'80' needs a unit, e.g. '80 mN/um'"),

@@ -73,7 +73,7 @@ def neurorobo_register(registry: Registrar) -> None:
         "neuron",
         "core.soft_spiking_neural_unit",
         "neurorobo.neurons.config:SoftSpikingNeuralUnitConfig",
-        "the same that sends numbers between 0 and 1, for hidden layers",
+        "a spiking neural unit that sends numbers between 0 and 1, for hidden layers",
     )
     registry.add(
         "neuron",
@@ -91,13 +91,13 @@ def neurorobo_register(registry: Registrar) -> None:
         "neuron",
         "core.synaptic_lif",
         "neurorobo.neurons.generalized_lif_config:SynapticLIFConfig",
-        "the same with an exponential synaptic current",
+        "exact_lif with an exponential synaptic current",
     )
     registry.add(
         "neuron",
         "core.adaptive_lif",
         "neurorobo.neurons.generalized_lif_config:AdaptiveLIFConfig",
-        "the same whose threshold rises with its spikes and falls back",
+        "exact_lif whose threshold rises with its spikes and falls back",
     )
     registry.add(
         "neuron",

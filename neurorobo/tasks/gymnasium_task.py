@@ -1,7 +1,6 @@
 """The task of a Gymnasium environment: what it rewards, and when it ends."""
 
 from collections.abc import Sequence
-from typing import ClassVar
 
 import numpy as np
 
@@ -18,7 +17,7 @@ class GymnasiumTask(Task[GymnasiumBody]):
     Raises a NeuroroboError for any other body.
     """
 
-    higher_is_better: ClassVar[frozenset[str]] = frozenset({"return"})
+    higher_is_better = frozenset({"return"})
 
     def __init__(self, config: GymnasiumTaskConfig, body: GymnasiumBody) -> None:
         if not isinstance(body, GymnasiumBody):

@@ -32,7 +32,7 @@ class Task(ABC, Generic[BodyType]):
     (:class:`neurorobo.views.recording.Scene`).
     """
 
-    higher_is_better: ClassVar[frozenset[str]] = frozenset({"success"})
+    higher_is_better: frozenset[str] = frozenset({"success"})
     scene: ClassVar[str | None] = None
 
     def __init__(self, config: TaskConfig, body: BodyType) -> None:

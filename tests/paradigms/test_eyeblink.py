@@ -18,6 +18,8 @@ from pydantic import ValidationError
 
 from neurorobo.config.experiment import load_experiment
 from neurorobo.errors import NeuroroboError
+from neurorobo.experiment.closed_loop import EpisodeResult
+from neurorobo.experiment.summary import summarise
 from neurorobo.tasks.supervised import SupervisedTask
 from neurorobo.testing import check_body
 from tests.tasks.toys import Cart, CartConfig
@@ -47,6 +49,16 @@ def run(
 def during(readings: Sequence[Mapping[str, float]], sensor: str) -> list[int]:
     """When a sensor says something, in ms."""
     return [10 * tick for tick, reading in enumerate(readings) if reading[sensor]]
+
+
+def test_the_worst_animal_responds_least_to_pairs_and_most_to_the_tone_alone() -> None:
+    chamber = config({"name": "pairs", "trials": 1}, {"name": "alone", "trials": 1, "stimuli": "tone"})
+    task, _ = run(chamber, lambda ms: 0.0)
+    eager = {"conditioned.pairs": 0.9, "late_conditioned.pairs": 1.0, "conditioned.alone": 0.8}
+    lazy = {"conditioned.pairs": 0.5, "late_conditioned.pairs": 0.6, "conditioned.alone": 0.1}
+    animals = [EpisodeResult(0, eager, {}), EpisodeResult(1, lazy, {})]
+    worst = {name: of["worst"] for name, of in summarise(animals, task.higher_is_better)["aggregate"].items()}
+    assert {name: worst[name] for name in eager} == {**lazy, "conditioned.alone": 0.8}
 
 
 def test_the_chamber_keeps_the_contract_of_bodies() -> None:

@@ -189,6 +189,16 @@ def test_parquet_says_the_same_as_csv(tmp_path: Path) -> None:
     assert np.array_equal(read_log(tmp_path / "log.parquet").increment_mN, log.increment_mN)
 
 
+def test_a_single_step_is_said_to_tell_no_law() -> None:
+    log = insert_and_withdraw(rig({"law": "proportional"}), repetitions=30, seed=1000)
+    one, two = (
+        replace(log, step_um=log.step_um[kept], increment_mN=log.increment_mN[kept])
+        for kept in (log.step_um == log.steps_um[3], np.isin(log.step_um, log.steps_um[2:4]))
+    )
+    assert any("all steps are" in doubt for doubt in doubted(one))
+    assert not any("all steps are" in doubt for doubt in doubted(two))
+
+
 def test_the_unit_that_a_parquet_column_states_is_heeded(tmp_path: Path) -> None:
     path = tmp_path / "log.parquet"
     fields = [

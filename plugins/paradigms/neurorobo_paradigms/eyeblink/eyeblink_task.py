@@ -39,7 +39,7 @@ class EyeblinkTask(Task[ConditioningChamber]):
     Figures of each phase, over its trials with a tone: ``conditioned.NAME``, the share of trials with a conditioned
     response; and of its last block ``late_conditioned.NAME``, ``late_peak_ms.NAME``, when the lid was shut furthest
     after the onset of the tone, and, of trials with a puff, ``late_felt.NAME``, the share of it that was felt. What
-    there were no trials for is 0.
+    there were no trials for is 0. More responses are better where tone and puff are paired, fewer elsewhere.
     """
 
     def __init__(self, config: EyeblinkTaskConfig, body: Body) -> None:
@@ -55,6 +55,12 @@ class EyeblinkTask(Task[ConditioningChamber]):
             )
         super().__init__(config, body)
         self.config = config
+        self.higher_is_better = frozenset(
+            f"{figure}.{phase.name}"
+            for phase in body.config.phases
+            if phase.stimuli == "paired"
+            for figure in ("conditioned", "late_conditioned")
+        )
         self._schedule = [*body.config.schedule()]
         self.reset(0)
 

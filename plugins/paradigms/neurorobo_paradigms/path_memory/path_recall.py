@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import ClassVar
 
 import numpy as np
 
@@ -87,7 +86,7 @@ class PathRecall(Task[Arena]):
     been, when each path was led or guided for the first and for the last time.
     """
 
-    higher_is_better: ClassVar[frozenset[str]] = frozenset({"success", "waypoints_reached", "steps_until_lost"})
+    higher_is_better = frozenset({"success", "waypoints_reached", "steps_until_lost"})
 
     def __init__(self, config: PathRecallConfig, body: Body) -> None:
         """Watch over an arena; a NeuroroboError if it is none."""

@@ -40,6 +40,11 @@ def doubts(log: ContactLog, analysis: Analysis, fit: ContactFit) -> Iterator[str
     yield from _outliers(log, analysis)
     if not analysis.coarse:
         yield from _gaussians(analysis)
+    if len(analysis.step_um) == 1:
+        yield (
+            f"all steps are {analysis.step_um[0]:g} um, so that nothing tells how force and variance grow with the "
+            "step; log others too, over the range that the controller will use"
+        )
     yield from _lines(analysis, fit)
 
 
