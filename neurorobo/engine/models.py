@@ -49,50 +49,54 @@ def _model(neuron: GeneralizedLIF | Izhikevich | AdEx | SoftUnit) -> structures.
     variables = neuron.variables if isinstance(neuron, GeneralizedLIF) else max(1, len(rest))
     surrogate = Surrogate() if isinstance(neuron, SoftUnit) else neuron.surrogate
     model = structures.Model(
-        KINDS.index(type(neuron)), variables, (structures.Number * 3)(*rest), SHAPES[surrogate.shape], surrogate.width
+        kind=KINDS.index(type(neuron)),
+        variables=variables,
+        rest=(structures.Number * 3)(*rest),
+        shape=SHAPES[surrogate.shape],
+        width=surrogate.width,
     )
     if isinstance(neuron, GeneralizedLIF):
         model.of.generalized_lif = structures.GeneralizedLIF(
-            neuron.threshold,
-            neuron.decay,
-            neuron.input_gain,
-            neuron.synapse_decay or 0.0,
-            neuron.adaptation or 0.0,
-            neuron.adaptation_decay,
-            neuron.synapse_decay is not None,
-            neuron.adaptation is not None,
-            neuron.reset == "subtract",
-            neuron.reset_gradient == "full",
+            threshold=neuron.threshold,
+            decay=neuron.decay,
+            input_gain=neuron.input_gain,
+            synapse_decay=neuron.synapse_decay or 0.0,
+            adaptation=neuron.adaptation or 0.0,
+            adaptation_decay=neuron.adaptation_decay,
+            has_synapse=neuron.synapse_decay is not None,
+            adapts=neuron.adaptation is not None,
+            subtracts=neuron.reset == "subtract",
+            full=neuron.reset_gradient == "full",
         )
     elif isinstance(neuron, SoftUnit):
-        model.of.soft_unit = structures.SoftUnit(neuron.threshold, neuron.decay, neuron.slope)
+        model.of.soft_unit = structures.SoftUnit(threshold=neuron.threshold, decay=neuron.decay, slope=neuron.slope)
+    elif isinstance(neuron, Izhikevich):
+        substep = neuron.step_ms / neuron.substeps
+        model.of.izhikevich = structures.Izhikevich(
+            b=neuron.b,
+            c=neuron.c,
+            d=neuron.d,
+            input_gain=neuron.input_gain,
+            peak=neuron.peak_mV,
+            substep=substep,
+            recovery=neuron.a * substep,
+            substeps=neuron.substeps,
+        )
     else:
         substep = neuron.step_ms / neuron.substeps
-        if isinstance(neuron, Izhikevich):
-            model.of.izhikevich = structures.Izhikevich(
-                neuron.b,
-                neuron.c,
-                neuron.d,
-                neuron.input_gain,
-                neuron.peak_mV,
-                substep,
-                neuron.a * substep,
-                neuron.substeps,
-            )
-        else:
-            model.of.adex = structures.AdEx(
-                neuron.rest_mV,
-                neuron.threshold_mV,
-                1 / neuron.slope_mV,
-                neuron.leak_nS,
-                neuron.leak_nS * neuron.slope_mV,
-                neuron.a_nS,
-                neuron.b_pA,
-                neuron.reset_mV,
-                neuron.input_gain,
-                neuron.peak_mV,
-                substep / neuron.capacitance_pF,
-                substep / neuron.time_constant_ms,
-                neuron.substeps,
-            )
+        model.of.adex = structures.AdEx(
+            rest=neuron.rest_mV,
+            threshold=neuron.threshold_mV,
+            inverse_slope=1 / neuron.slope_mV,
+            leak=neuron.leak_nS,
+            upstroke=neuron.leak_nS * neuron.slope_mV,
+            a=neuron.a_nS,
+            b=neuron.b_pA,
+            reset=neuron.reset_mV,
+            input_gain=neuron.input_gain,
+            peak=neuron.peak_mV,
+            charging=substep / neuron.capacitance_pF,
+            recovery=substep / neuron.time_constant_ms,
+            substeps=neuron.substeps,
+        )
     return model

@@ -178,6 +178,8 @@ class PlasticNetworkConfig(NetworkConfig):
                 yield Fault((*place, "fan_in"), "neurons of a layer hear all others; leave this out")
             elif synapses.fan_in is not None and synapses.fan_in > sizes[key]:
                 yield Fault((*place, "fan_in"), f"`{key}` has {sizes[key]} neurons; take no more")
+            if not synapses.learns:
+                continue
             neuron = layer.neuron.build(clock.spike_step_ns)
             for number, rule in enumerate(synapses.learns):
                 for fault in (*rule.faults(clock, neuron), *self._told_faults(rule, layer)):

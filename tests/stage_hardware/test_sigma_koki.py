@@ -605,7 +605,7 @@ class Terminal:
         self.emulator = emulator
 
     def __call__(self, line: str) -> str | None:
-        replies = b"".join(self.emulator._answer(line.encode() + b"\r\n")).decode()
+        replies = b"".join(self.emulator.answer(line.encode() + b"\r\n")).decode()
         assert replies == "" or replies.endswith("\r\n")
         return replies[:-2] or None
 

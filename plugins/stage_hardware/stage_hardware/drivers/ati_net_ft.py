@@ -5,14 +5,14 @@ Source: ATI, Net F/T manual 9620-05, on RDT. Not tried on a device. The box serv
 
 import socket
 import time
-from collections.abc import Mapping
 from dataclasses import dataclass
 
+from stage_hardware.drivers.net_ft_sensor import NetFtSensor
 from stage_hardware.errors import HardwareError, LinkError, RefusedError
-from stage_hardware.force_sensor import WRENCH, Component, Sample
+from stage_hardware.force_sensor import WRENCH, Sample
 from stage_hardware.links import rdt
 from stage_hardware.links.net_ft_page import NetFtSettings, read_settings
-from stage_hardware.threaded_force_sensor import WAITS_S, ThreadedForceSensor
+from stage_hardware.threaded_force_sensor import WAITS_S
 
 ASKS_AGAIN_S = 0.1
 """How long a request for the stream may be without an answer: it may have been lost."""
@@ -37,7 +37,7 @@ class RdtCounts:
     foreign: int
 
 
-class AtiNetFt(ThreadedForceSensor):
+class AtiNetFt(NetFtSensor):
     """A force sensor behind a Net F/T box, unbiased on the box, biased on the host.
 
     Of the box's settings, units, counts per unit, range and rate are read when it starts, and have to fit. It is never
@@ -46,28 +46,11 @@ class AtiNetFt(ThreadedForceSensor):
     waited look younger than they are, until the last of them is taken.
     """
 
-    def __init__(
-        self,
-        name: str,
-        host: str = "192.168.1.1",
-        *,
-        components: Mapping[str, Component],
-        rate_Hz: float = 1000.0,
-        rdt_port: int = rdt.PORT,
-        http_port: int = 80,
-        timeout_s: float = 2.0,
-        silence_s: float = 0.1,
-        bias_readings: int = 100,
-    ) -> None:
-        """Name the box and what is expected of it; ``components`` are those of `wrench_components`."""
-        super().__init__(name, components, rate_Hz, silence_s=silence_s, start_s=timeout_s, bias_readings=bias_readings)
-        if self._names != WRENCH:
-            raise ValueError(f"the components of a Net F/T sensor are {', '.join(WRENCH)}, in this order")
-        self.host, self.rdt_port, self.http_port, self.timeout_s = host, rdt_port, http_port, timeout_s
+    def _prepare(self) -> None:
         self._socket: socket.socket | None = None
         self._box = ("", 0)
         self._asked = 0.0
-        self._stream = rdt.RecordStream(rate_Hz, 1.0, 1.0)
+        self._stream = rdt.RecordStream(self.rate_Hz, 1.0, 1.0)
         self._taken = self._malformed = self._foreign = 0
 
     @property

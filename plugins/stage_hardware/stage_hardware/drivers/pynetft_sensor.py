@@ -5,14 +5,15 @@ device. The time of a reading is when Python gets it.
 """
 
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 from stage_hardware import force_units
+from stage_hardware.drivers.net_ft_sensor import NetFtSensor
 from stage_hardware.errors import HardwareError, LinkError
-from stage_hardware.force_sensor import WRENCH, Component, Sample
+from stage_hardware.force_sensor import Sample
 from stage_hardware.links import rdt
-from stage_hardware.threaded_force_sensor import WAITS_S, ThreadedForceSensor
+from stage_hardware.threaded_force_sensor import WAITS_S
 
 if TYPE_CHECKING:
     import pynetft
@@ -21,7 +22,7 @@ QUEUE = 4096
 """How many samples may wait for this process; those that find no place count as lost."""
 
 
-class PynetftSensor(ThreadedForceSensor):
+class PynetftSensor(NetFtSensor):
     """A force sensor behind a Net F/T box that pynetft reads.
 
     Losses, status words and a sensor that stalls are judged as by `AtiNetFt`. Of the box's page pynetft reads units and
@@ -29,24 +30,7 @@ class PynetftSensor(ThreadedForceSensor):
     that comes twice or late, ends its stream, and readings are invalid until the next start.
     """
 
-    def __init__(
-        self,
-        name: str,
-        host: str = "192.168.1.1",
-        *,
-        components: Mapping[str, Component],
-        rate_Hz: float = 1000.0,
-        rdt_port: int = rdt.PORT,
-        http_port: int = 80,
-        timeout_s: float = 2.0,
-        silence_s: float = 0.1,
-        bias_readings: int = 100,
-    ) -> None:
-        """Name the box and what is expected of it."""
-        super().__init__(name, components, rate_Hz, silence_s=silence_s, start_s=timeout_s, bias_readings=bias_readings)
-        if self._names != WRENCH:
-            raise ValueError(f"the components of a Net F/T sensor are {', '.join(WRENCH)}, in this order")
-        self.host, self.rdt_port, self.http_port, self.timeout_s = host, rdt_port, http_port, timeout_s
+    def _prepare(self) -> None:
         self._client: pynetft.Client | None = None
         self._samples: Iterator[pynetft.Sample] = iter(())
         self._stream: rdt.RecordStream | None = None

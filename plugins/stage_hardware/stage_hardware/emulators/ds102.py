@@ -11,13 +11,11 @@ refused. Long forms of keywords are known of two, `AXIs` and `PULSe`.
 """
 
 import re
-import sys
 import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from enum import StrEnum
-from typing import Self
 
 from stage_hardware.emulators.ds102_axis import (
     DRIVES,
@@ -28,9 +26,9 @@ from stage_hardware.emulators.ds102_axis import (
     DS102Axis,
     RefusalError,
 )
-from stage_hardware.emulators.faults import WireFaults
+from stage_hardware.emulators.emulator import Emulator
 from stage_hardware.emulators.mechanism import Mechanism
-from stage_hardware.emulators.wire import PseudoTerminal, TcpPort, Wire
+from stage_hardware.emulators.wire import Wire
 
 COMMAND_RULE, NO_DELIMITER, OUT_OF_RANGE = "E20", "E21", "E22"
 
@@ -56,7 +54,7 @@ class ErrorReports(StrEnum):
     NEVER = "never"
 
 
-class DS102Emulator:
+class DS102Emulator(Emulator):
     """A controller on a wire, from ``with`` to its end; clients open ``url``.
 
     ``axes`` are its mechanisms, in full steps: with the division of 1 that a new one has, these are pulses.
@@ -93,6 +91,7 @@ class DS102Emulator:
             raise ValueError(
                 f"it has 2, 4 or 6 connectors and as many axes at most, got {connectors}, {len(positions)}"
             )
+        super().__init__(wire, baud=baud, processing_s=processing_s)
         self.model, self.connectors, self.errors_come, self.reset_s = model, connectors, errors_come, reset_s
         self.axes = [
             Mechanism(*travel, position=position, start_speed=1, speed=1, acceleration=1) for position in positions
@@ -103,39 +102,8 @@ class DS102Emulator:
         ]
         self.refusals, self.heard = list[str](), list[str]()
         self.emergency = self.guesses = False
-        self.wire = (wire or (TcpPort if sys.platform == "win32" else PseudoTerminal))(
-            self._answer, baud=baud, processing_s=processing_s
-        )
-        self.wire.later = self._carry_on
         self._lock, self._deaf_until_s = threading.RLock(), 0.0
         self._forget()
-
-    @property
-    def url(self) -> str:
-        """What a client opens."""
-        return self.wire.url
-
-    @property
-    def faults(self) -> WireFaults:
-        """What is wrong with the wire."""
-        return self.wire.faults
-
-    def start(self) -> Self:
-        """Begin to answer."""
-        self.wire.start()
-        return self
-
-    def close(self) -> None:
-        """End; safe to call twice."""
-        self.wire.close()
-
-    def __enter__(self) -> Self:
-        """Start."""
-        return self.start()
-
-    def __exit__(self, *_: object) -> None:
-        """Close."""
-        self.close()
 
     def power_cycle(self) -> None:
         """Switch it off and on: motions end, and positions and settings that were not written are lost."""
@@ -164,7 +132,8 @@ class DS102Emulator:
         self._rest, self._busy_until_s, self._waits_for_drive = b"", 0.0, False
         self._untold: str | None = None
 
-    def _answer(self, data: bytes) -> Iterator[bytes]:
+    def answer(self, data: bytes) -> Iterator[bytes]:
+        """Take whole lines, and carry them out."""
         with self._lock:
             if time.monotonic() < self._deaf_until_s:
                 return
@@ -173,9 +142,9 @@ class DS102Emulator:
                 text = line.decode("ascii", errors="replace")
                 self.heard.append(text)
                 self._lines.append(deque([text] if len(text) > LONGEST_LINE else text.split(":") if text else []))
-        yield from self._carry_on()
+        yield from self.later()
 
-    def _carry_on(self) -> Iterator[bytes]:
+    def later(self) -> Iterator[bytes]:
         """Carry out what has come, as far as nothing holds it up."""
         while True:
             with self._lock:

@@ -12,9 +12,8 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
-from typing import Self
 
-from stage_hardware.emulators.faults import WireFaults
+from stage_hardware.emulators.emulator import Emulator
 from stage_hardware.emulators.mechanism import Clock, Mechanism
 from stage_hardware.emulators.wire import TcpPort, Wire
 
@@ -147,7 +146,7 @@ class _RefusedError(Exception):
         self.code = code
 
 
-class PiEmulator:
+class PiEmulator(Emulator):
     """A controller behind a wire, to be used in a ``with``: clients open ``url``.
 
     Faults of the wire are set on ``faults``; those of the controller are ``refuse_next``, a code that the next command
@@ -166,34 +165,15 @@ class PiEmulator:
         clock: Clock = time.monotonic,
     ) -> None:
         """Build it of stages by identifier, by default of one, which is axis 1."""
+        super().__init__(wire, baud=baud, processing_s=processing_s)
         built = stages or {"1": EmulatedStage()}
         self.axes = {identifier: EmulatedAxis(stage, clock) for identifier, stage in built.items()}
-        self.wire = wire(self.answer, baud=baud, processing_s=processing_s)
         self.model, self.error, self.refuse_next = model, 0, 0
         self.heard: deque[str] = deque(maxlen=1000)
         self._line = bytearray()
         self._lock = threading.RLock()
         self._queries = self._all_queries()
         self._commands = self._all_commands()
-
-    @property
-    def url(self) -> str:
-        """What a client opens."""
-        return self.wire.url
-
-    @property
-    def faults(self) -> WireFaults:
-        """What the wire does wrong."""
-        return self.wire.faults
-
-    def __enter__(self) -> Self:
-        """Open the wire and begin to answer."""
-        self.wire.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """End."""
-        self.wire.close()
 
     def power_cycle(self) -> None:
         """Switch it off and on: positions, references, speeds, servo modes and errors are lost."""

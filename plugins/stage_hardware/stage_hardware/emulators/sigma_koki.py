@@ -1,14 +1,13 @@
 """What the emulators of SIGMA KOKI's controllers have in common: lines in, lines out, and axes that count pulses."""
 
-import sys
 import threading
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Iterator, Sequence
-from typing import NamedTuple, Self
+from typing import NamedTuple
 
-from stage_hardware.emulators.faults import WireFaults
+from stage_hardware.emulators.emulator import Emulator
 from stage_hardware.emulators.mechanism import Mechanism
-from stage_hardware.emulators.wire import PseudoTerminal, TcpPort, Wire
+from stage_hardware.emulators.wire import Wire
 
 DIVISIONS = (1, 2, 4, 5, 8, 10, 20, 25, 40, 50, 80, 100, 125, 200, 250)
 """Micro-steps per full step that a driver can be set to."""
@@ -25,7 +24,7 @@ class Speeds(NamedTuple):
 POWER_ON_SPEEDS = Speeds(500, 5000, 200)
 
 
-class SigmaKokiEmulator(ABC):
+class SigmaKokiEmulator(Emulator):
     """A controller on a wire, from ``with`` to its end; clients open ``url``.
 
     ``axes`` are its mechanisms, in pulses. Faults: those of the wire in ``faults``; ``refusals``, how many of the next
@@ -43,42 +42,13 @@ class SigmaKokiEmulator(ABC):
         processing_s: float,
     ) -> None:
         """Put each axis at a position within its travel; ``baud`` 0 makes bytes take no time."""
+        super().__init__(wire, baud=baud, processing_s=processing_s)
         self.axes = [
             Mechanism(*travel, position=position, start_speed=0, speed=1, acceleration=1) for position in positions
         ]
         self.refusals, self.heard, self.origin_speeds = 0, list[str](), POWER_ON_SPEEDS
-        self.wire = (wire or (TcpPort if sys.platform == "win32" else PseudoTerminal))(
-            self._answer, baud=baud, processing_s=processing_s
-        )
         self._lock, self._rest = threading.RLock(), b""
         self._forget()
-
-    @property
-    def url(self) -> str:
-        """What a client opens."""
-        return self.wire.url
-
-    @property
-    def faults(self) -> WireFaults:
-        """What is wrong with the wire."""
-        return self.wire.faults
-
-    def start(self) -> Self:
-        """Begin to answer."""
-        self.wire.start()
-        return self
-
-    def close(self) -> None:
-        """End; safe to call twice."""
-        self.wire.close()
-
-    def __enter__(self) -> Self:
-        """Start."""
-        return self.start()
-
-    def __exit__(self, *_: object) -> None:
-        """Close."""
-        self.close()
 
     def power_cycle(self) -> None:
         """Switch it off and on: motions end, and positions and settings are lost."""
@@ -97,7 +67,8 @@ class SigmaKokiEmulator(ABC):
         """Set to what holds when it is switched on."""
         self.speeds, self.divisions = [POWER_ON_SPEEDS] * len(self.axes), [2] * len(self.axes)
 
-    def _answer(self, data: bytes) -> Iterator[bytes]:
+    def answer(self, data: bytes) -> Iterator[bytes]:
+        """Answer whole lines."""
         *lines, self._rest = (self._rest + data).split(b"\r\n")
         for line in lines:
             command = line.decode("ascii", errors="replace").strip()

@@ -21,9 +21,8 @@ from collections import deque
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from math import hypot, isclose, isinf
-from typing import Self
 
-from stage_hardware.emulators.faults import WireFaults
+from stage_hardware.emulators.emulator import Emulator
 from stage_hardware.emulators.mechanism import Clock, Mechanism
 from stage_hardware.emulators.wire import TcpPort, Wire
 
@@ -180,7 +179,7 @@ class _Word:
     is_motion: bool = False
 
 
-class VenusEmulator:
+class VenusEmulator(Emulator):
     """A controller behind a wire, to be used in a ``with``: clients open ``url``.
 
     ``venus`` is 1 for a Corvus, with up to three stages, and 2 for a Pollux or an SMC. Faults of the wire are set on
@@ -204,9 +203,8 @@ class VenusEmulator:
         """Build it; one that wakes up in terminal mode echoes all bytes until it is told ``0 mode``."""
         if venus not in (1, 2) or not 1 <= len(stages) <= (CORVUS_AXES if venus == 1 else 16):
             raise ValueError(f"a controller speaks Venus 1, with 1 to 3 stages, or Venus 2, got {venus}, {len(stages)}")
+        super().__init__(wire, baud=baud, processing_s=processing_s)
         self.axes = {number: EmulatedAxis(stage, clock) for number, stage in enumerate(stages, 1)}
-        self.wire = wire(self.answer, baud=baud, processing_s=processing_s)
-        self.wire.later = self.later
         self.venus, self.cal_blocks, self.refuse_next = venus, cal_blocks, 0
         self.heard: deque[str] = deque(maxlen=1000)
         self.saved = Settings(mode=int(terminal_mode), dimension=len(stages))
@@ -217,25 +215,6 @@ class VenusEmulator:
         self._together: list[EmulatedAxis] = []
         self._lock = threading.RLock()
         self._words = self._venus_1() if venus == 1 else self._venus_2()
-
-    @property
-    def url(self) -> str:
-        """What a client opens."""
-        return self.wire.url
-
-    @property
-    def faults(self) -> WireFaults:
-        """What the wire does wrong."""
-        return self.wire.faults
-
-    def __enter__(self) -> Self:
-        """Open the wire and begin to answer."""
-        self.wire.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        """End."""
-        self.wire.close()
 
     def power_cycle(self) -> None:
         """Switch it off and on: positions, limits, words that wait and all that was not saved are lost."""
