@@ -1,6 +1,6 @@
 """How far, how fast and at which frequencies a spiking cerebellum adapts the vestibulo-ocular reflex.
 
-Run ``python benchmarks/paradigms/vestibulo_ocular_reflex.py`` (about ten minutes on one core). For each seed, which
+Run ``python benchmarks/paradigms/vestibulo_ocular_reflex.py`` (eleven minutes of one core). For each seed, which
 draws the network and the noise, it takes `examples/vestibulo_ocular_reflex.yaml` through the protocol below: with a
 wanted gain of 1.5 (up) and of 0.5 (down), and as controls 1.5 without mossy fibres that tell of the past (undelayed)
 and without plasticity (fixed). It prints a table, and writes beside itself all cycles as JSON and a figure; the table
