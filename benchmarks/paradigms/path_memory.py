@@ -1,8 +1,9 @@
 """How well the liquid state machine of ``examples/path_memory.yaml`` recalls paths, and where it fails.
 
-Run ``python benchmarks/paradigms/path_memory.py`` (six and a half minutes of one core). The seeds 0 to 4 draw the network,
-the disturbances and, where they are not given, the paths. Beside itself it writes ``path_memory.json`` with every run,
-and from it ``path_memory.svg`` and the table of ``docs/how_to/remember_a_path.md``; ``--draw`` does the latter alone.
+Run ``python benchmarks/paradigms/path_memory.py`` (six and a half minutes of one core). The seeds 0 to 4 draw the
+network, the disturbances and, where they are not given, the paths. Beside itself it writes ``path_memory.json`` with
+every run, and from it ``path_memory.svg`` and the table of ``docs/how_to/remember_a_path.md``; ``--draw`` does the
+latter alone.
 """
 
 import argparse
