@@ -3,11 +3,16 @@
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar, Literal
+from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+from neurorobo.bodies.latencies import Latencies
+from neurorobo.errors import did_you_mean
+from neurorobo.safety.guard import SensorGuard
+from neurorobo.safety.limits import SensorLimits
 
 Array = NDArray[np.float64]
 
@@ -50,6 +55,30 @@ class BodyConfig(BaseModel, ABC):
     implementation: ClassVar[str]
 
     type: str
+    safety: Mapping[str, SensorLimits] = Field(
+        default={},
+        exclude_if=lambda limits: not limits,
+        description="What sensors may report, by their names, before the body is stopped: {force: {stop: 9 N}}.",
+    )
+
+    @model_validator(mode="after")
+    def _safety_is_of_sensors(self) -> Self:
+        if self.safety:
+            self.guards()
+        return self
+
+    def guards(self) -> list[SensorGuard]:
+        """Return a guard of each sensor under ``safety``; a ValueError for one that is not there, or another unit."""
+        sensors = self.sensors()
+        guards = []
+        for name, limits in self.safety.items():
+            if name not in sensors:
+                raise ValueError(f"safety: there is no sensor `{name}`{did_you_mean(name, sensors)}")
+            try:
+                guards.append(SensorGuard(name, sensors[name].unit, limits.in_unit(sensors[name].unit)))
+            except ValueError as error:
+                raise ValueError(f"safety.{name}: {error}") from None
+        return guards
 
     @abstractmethod
     def sensors(self) -> dict[str, Sensor]:
@@ -67,10 +96,25 @@ class Body(ABC):
     :meth:`reset`, so that what happens to one body does not depend on the batch it moves in.
     """
 
+    largest_batch: ClassVar[int | None] = None
+    """How many can move side by side; 1 for a real one, of which there is no second."""
+
     def __init__(self, config: BodyConfig) -> None:
         """Prepare the body; nothing moves before :meth:`reset`."""
         self.sensors = config.sensors()
         self.actuators = config.actuators()
+        self.guards = config.guards
+        self.latencies = Latencies()
+
+    def arm(self, *, dry_run: bool = False) -> None:  # noqa: B027 - a simulated body needs no leave to move
+        """Allow a real body to move, or to show what it would be sent and not move; a simulated one needs no leave.
+
+        A real body that was not armed refuses to be reset, by a :class:`NeuroroboError` that says so.
+        """
+
+    def timing(self) -> dict[str, Any]:
+        """Return how quickly the body was answered, ready for JSON; a real one adds what became of its deadlines."""
+        return self.latencies.figures()
 
     @abstractmethod
     def reset(self, seeds: Sequence[int], which: NDArray[np.bool_] | None = None) -> None:

@@ -1,4 +1,4 @@
-"""The command layer between brain and body: no command leaves its limits."""
+"""The layer between brain and body: no command leaves its limits, and no body goes on beyond those of its sensors."""
 
 from collections.abc import Mapping
 
@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from neurorobo.bodies.body import Array, Body
 from neurorobo.errors import NeuroroboError
+from neurorobo.safety.guard import Reading, Trip
 
 
 class Supervisor:
@@ -17,8 +18,12 @@ class Supervisor:
     before. ``counts`` holds, by actuator, those of each body (batch) since :meth:`reset`; ``latest`` those of the last
     :meth:`advance`, 0 or 1. A command that is not a number stops the body and raises: there is nothing sensible to
     clamp it to.
+
+    After every motion the guards of the body see what its sensors report; ``trips`` holds what they found, by the
+    number of the body, the first of each. A real body is watched by guards of its own as well, all the time.
     """
 
+    trips: dict[int, Trip]
     counts: dict[str, NDArray[np.int64]]
     latest: dict[str, NDArray[np.int64]]
 
@@ -33,6 +38,15 @@ class Supervisor:
         What is held is forgotten for all: a body that starts again is not to be given its old command.
         """
         self._batch = batch
+        if which is None:
+            self.trips = {}
+            self._guards = [self.body.guards() for _ in range(batch)]
+            self._elapsed_ns = [0] * batch
+        else:
+            for i in np.flatnonzero(which).tolist():
+                self.trips.pop(i, None)
+                self._guards[i] = self.body.guards()
+                self._elapsed_ns[i] = 0
         none = np.zeros(batch, dtype=np.int64)
         if which is None:
             self.counts = {name: none.copy() for name in self.body.actuators}
@@ -74,4 +88,21 @@ class Supervisor:
             if self.body.actuators[name].kind == "hold":
                 self._held[name], self._changes[name] = wanted.copy(), change
         self.body.advance(allowed, duration_ns)
+        if any(self._guards):
+            self._look(duration_ns, running)
         return allowed
+
+    @property
+    def tripped(self) -> NDArray[np.bool_]:
+        """Which bodies (batch) a guard has stopped."""
+        return np.isin(np.arange(self._batch), list(self.trips))
+
+    def _look(self, duration_ns: int, running: NDArray[np.bool_]) -> None:
+        """Let the guards of running bodies see what the sensors report now."""
+        observation = self.body.read()
+        for i in np.flatnonzero(running & ~self.tripped).tolist():
+            self._elapsed_ns[i] += duration_ns
+            for guard in self._guards[i]:
+                trip = guard.check(Reading(self._elapsed_ns[i], tuple(observation[guard.name][i].tolist())))
+                if trip is not None:
+                    self.trips.setdefault(i, trip)

@@ -27,6 +27,8 @@ from neurorobo.cli.options import (
     is_flag=True,
     help="Run the episodes one after the other; what a region learns in one, it knows in the next.",
 )
+@click.option("--arm", is_flag=True, help="Let a real body move. A simulated one needs no leave.")
+@click.option("--dry-run", is_flag=True, help="Show what a real body would be sent, and move nothing.")
 @out_option
 @json_option
 @click.pass_context
@@ -37,10 +39,14 @@ def run(
     seed: int | None,
     episodes: int,
     in_a_row: bool,
+    arm: bool,
+    dry_run: bool,
     out: Path | None,
     as_json: bool,
 ) -> None:
     """Run the experiment FILE and write a run folder."""
+    if arm and dry_run:
+        raise click.UsageError("--arm lets the body move and --dry-run does not; give one of them")
     from neurorobo.config.experiment import load_experiment
     from neurorobo.experiment.plan import build_plan
     from neurorobo.experiment.weights import check_weights
@@ -60,7 +66,15 @@ def run(
     with RunProgress() as progress:
         seeds = range(first, first + episodes)
         finished = run_experiment(
-            experiment, registry, seeds, out, in_a_row=in_a_row, command=typed(), progress=progress
+            experiment,
+            registry,
+            seeds,
+            out,
+            in_a_row=in_a_row,
+            arm=arm,
+            dry_run=dry_run,
+            command=typed(),
+            progress=progress,
         )
     if as_json:
         click.echo(json.dumps({"folder": str(finished.folder.path), **finished.summary}, indent=2))

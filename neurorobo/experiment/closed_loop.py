@@ -41,13 +41,14 @@ class EpisodeResult:
 
     Rates are spikes per neuron and step, 0..1, and count the neurons inside and at the output of a region, not those of
     the input code. ``saturations`` counts, for each ``<step>.<input>`` where there were any, the components of values
-    out of the range of the input's code.
+    out of the range of the input's code. ``stopped`` says why a guard of the body ended the episode, if one did.
     """
 
     seed: int
     metrics: Metrics
     firing_rates: Mapping[str, float]
     saturations: Mapping[str, int] = field(default_factory=dict)
+    stopped: str | None = None
 
 
 def run_episodes(
@@ -87,6 +88,8 @@ def run_episodes(
         while running.any() and (duration_ns is None or state.tick * tick_ns < duration_ns):
             progress(state.tick, int(running.sum()))
             tick = state.tick
+            if supervised is not None:
+                supervised.body.latencies.sensed()
             observation = {} if supervised is None else supervised.body.read()
             _check(observation, running)
             watch.begin(running)
@@ -101,10 +104,13 @@ def run_episodes(
             given: Mapping[str, Array] = {}
             interventions: Mapping[str, Counts] = {}
             ended = np.zeros(batch, dtype=np.bool_)
+            latency_ms: float | None = None
             if supervised is not None:
                 wanted = {name: value.numpy().astype(np.float64) for name, value in tried.items()}
+                supervised.body.latencies.commanded()  # a real body says so again, once they are sent
                 given, ended = supervised.step(wanted, tick_ns, running)
                 interventions = supervised.supervisor.latest
+                latency_ms = supervised.body.latencies.latest_ms
             sample = Sample(
                 tick=tick,
                 time_s=tick * tick_ns * 1e-9,
@@ -116,6 +122,7 @@ def run_episodes(
                 outputs=watch.outputs,
                 spikes=watch.spikes,
                 seeds=seeds,
+                latency_ms=latency_ms,
             )
             for recorder in recorders:
                 recorder.sample(sample)
@@ -127,7 +134,9 @@ def run_episodes(
     for i, seed in enumerate(seeds):
         rates = {region: float(rate[i]) for region, rate in watch.firing_rates().items()}
         saturations = {place: n for place, count in watch.saturations.items() if (n := int(count[i]))}
-        results.append(EpisodeResult(seed, metrics[i], rates, saturations))
+        trip = None if supervised is None else supervised.supervisor.trips.get(i)
+        stopped = None if trip is None else str(trip)
+        results.append(EpisodeResult(seed, metrics[i], rates, saturations, stopped))
     return results
 
 

@@ -80,6 +80,7 @@ class Sample:
     numbers (batch, width), of its last iteration. ``spikes`` holds those of each step and layer, for recorders that
     want them. What the brain has made, ``inputs``, ``outputs`` and ``spikes``, nobody changes, and it need not be
     copied. ``seeds`` are those of this batch; of a large run, one batch follows the other, each from tick 0.
+    ``latency_ms`` is how long it took from the sensors to the commands, by the wall clock, if there is a body.
     """
 
     tick: int
@@ -92,6 +93,7 @@ class Sample:
     outputs: Mapping[str, Mapping[str, Tensor]]
     spikes: Mapping[str, Mapping[str, LayerSpikes]]
     seeds: Sequence[int]
+    latency_ms: float | None = None
 
 
 class Sampler(Protocol):

@@ -23,6 +23,7 @@ from neurorobo.files import writing
 from neurorobo.graph.plan import Plan
 from neurorobo.plugins import Registry
 from neurorobo.plugins.imports import described
+from neurorobo.tasks.task import Task
 
 SEEDS_NOTE = "# The seeds of the episodes are in run.json; `seed` is the file's, which draws untrained weights.\n"
 
@@ -43,6 +44,8 @@ def run_experiment(
     out: Path | None = None,
     *,
     in_a_row: bool = False,
+    arm: bool = False,
+    dry_run: bool = False,
     record: Sequence[str] | None = None,
     command: str | None = None,
     progress: Callable[[int, int], None] = lambda tick, running: None,
@@ -50,7 +53,8 @@ def run_experiment(
     """Run one episode per seed and write a run folder.
 
     Episodes run side by side and know nothing of one another; ``in_a_row``, one follows the other, and regions that
-    learn as they run go on from what they have learned.
+    learn as they run go on from what they have learned. A real body moves only with ``arm``; with ``dry_run`` it shows
+    what it would be sent.
     ``record`` replaces the recorders that the file names; ``command`` is what was typed, for ``run.json``;
     ``progress`` is told each tick and how many still run. An interrupted run keeps what was recorded, and the
     KeyboardInterrupt says where; its ``run.json`` says ``interrupted``. Raises ConfigError for what cannot be built,
@@ -62,6 +66,8 @@ def run_experiment(
     for name in untrained(experiment, plan):
         print(f"note: the region `{name}` has no `weights`; it runs with fresh ones", file=sys.stderr)
     task = build_task(experiment)
+    if task is not None and (arm or dry_run):
+        task.body.arm(dry_run=dry_run)
     recorder_types = [registry.get("recorder", name) for name in (experiment.record if record is None else record)]
     path = out or new_folder_path(Path("runs"), experiment.name, experiment.config_hash)
     folder = RunFolder.create(
@@ -80,7 +86,7 @@ def run_experiment(
         for recorder_type in recorder_types:
             recorders.append(recorder_type(setting))
         results: list[EpisodeResult] = []
-        memory, at_once = (Memory(), 1) if in_a_row else (None, LARGEST_BATCH)
+        memory, at_once = (Memory(), 1) if in_a_row else (None, _largest_batch(task))
         for batch in in_batches(seeds, at_once):
             results += run_episodes(
                 brain,
@@ -91,16 +97,24 @@ def run_experiment(
                 memory=memory,
                 progress=progress,
             )
+        for result in results:
+            if result.stopped is not None:
+                print(f"note: the episode of seed {result.seed} was stopped: {result.stopped}", file=sys.stderr)
         summary = summarise(results, frozenset() if task is None else task.higher_is_better)
         folder.write_summary(summary)
         files = _finish(recorders, path)
+        if task is not None:
+            folder.write_timing(task.body.timing())
     except BaseException as error:
         try:
             _finish(recorders, path)
         except Exception as second:
             print(f"note: a recorder failed too: {described(second)}", file=sys.stderr)
         try:
-            folder.finish("interrupted" if isinstance(error, KeyboardInterrupt) else "failed")
+            if task is not None:
+                folder.write_timing(task.body.timing())
+            interrupted = isinstance(error, KeyboardInterrupt)
+            folder.finish("interrupted" if interrupted else "failed", None if interrupted else described(error))
         except NeuroroboError as second:  # the disk may be full, which must not hide the first error
             print(f"note: {second}", file=sys.stderr)
         if isinstance(error, KeyboardInterrupt):
@@ -109,6 +123,12 @@ def run_experiment(
     folder.finish("finished")
     registry.call("neurorobo_run_finished", folder=path, summary=summary)
     return FinishedRun(folder, summary, files)
+
+
+def _largest_batch(task: Task[Any] | None) -> int:
+    """Return how many episodes can run side by side."""
+    most = None if task is None else task.body.largest_batch
+    return LARGEST_BATCH if most is None else min(most, LARGEST_BATCH)
 
 
 def _finish(recorders: list[Recorder], folder: Path) -> list[Path]:

@@ -18,8 +18,9 @@ VERSIONED = ("neurorobo", "torch", "numpy", "snntorch", "gymnasium", "rerun-sdk"
 class RunFolder:
     """A folder with all that a run was made of, and what it leaves.
 
-    It holds ``config.yaml`` (as given), ``config.resolved.yaml`` (complete) and ``run.json``, which says
-    ``status: running | finished | interrupted | failed``, versions, seeds, the command if it was typed, and the times.
+    It holds ``config.yaml`` (as given), ``config.resolved.yaml`` (complete), ``run.json``, which says
+    ``status: running | finished | interrupted | failed``, versions, seeds, the command if it was typed, and the times,
+    and, of a run with a body, ``timing.json``: by the wall clock, how long it took from its sensors to its commands.
     """
 
     def __init__(self, path: Path) -> None:
@@ -63,9 +64,10 @@ class RunFolder:
         )
         return folder
 
-    def finish(self, status: str) -> None:
-        """Note how the run ended."""
-        self._write_run({**self.run(), "status": status, "ended": _now()})
+    def finish(self, status: str, error: str | None = None) -> None:
+        """Note how the run ended, and of what error if of one."""
+        told = {} if error is None else {"error": error}
+        self._write_run({**self.run(), "status": status, "ended": _now(), **told})
 
     def run(self) -> dict[str, Any]:
         """Return the content of ``run.json``."""
@@ -85,6 +87,10 @@ class RunFolder:
     def write_summary(self, summary: Mapping[str, Any]) -> None:
         """Write ``summary.json``."""
         write_json(self.path / "summary.json", summary)
+
+    def write_timing(self, timing: Mapping[str, Any]) -> None:
+        """Write ``timing.json``: how quickly the body was answered (:meth:`neurorobo.bodies.Body.timing`)."""
+        write_json(self.path / "timing.json", timing)
 
     def _write_run(self, content: Mapping[str, Any]) -> None:
         write_json(self.path / "run.json", content)

@@ -25,16 +25,26 @@ class SupervisedTask:
     def step(self, commands: Mapping[str, Array], duration_ns: int, running: Flags) -> tuple[dict[str, Array], Flags]:
         """Carry out ``commands`` for ``duration_ns``; return what the body was given, and which episodes have ended.
 
-        Only the ``running`` (batch) episodes count. Raises NeuroroboError for a command that is not a number.
+        Only the ``running`` (batch) episodes count; one that a guard stops has ended. Raises NeuroroboError for a
+        command that is not a number.
         """
         given = self.supervisor.advance(commands, duration_ns, running)
         self.task.observe(duration_ns, running)
-        return given, self.task.terminated() | self.task.truncated()
+        return given, self.task.terminated() | self.task.truncated() | self.supervisor.tripped
 
     def metrics(self) -> list[dict[str, float]]:
-        """Return for each episode the task's figures, and ``command_interventions``."""
+        """Return for each episode the task's figures, and ``command_interventions``.
+
+        Where a body has guards, ``safety_stops`` is 1 for an episode that one has stopped, which is no success.
+        """
         counts = self.supervisor.interventions.tolist()
-        return [
+        episodes = [
             {**figures, "command_interventions": float(count)}
             for figures, count in zip(self.task.metrics(), counts, strict=True)
         ]
+        if self.body.guards():
+            for i, figures in enumerate(episodes):
+                figures["safety_stops"] = float(i in self.supervisor.trips)
+                if i in self.supervisor.trips and "success" in figures:
+                    figures["success"] = 0.0
+        return episodes

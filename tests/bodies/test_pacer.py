@@ -74,21 +74,6 @@ def test_skipped_periods_are_left_out() -> None:
     assert (pacer.periods, pacer.overruns, pacer.skipped) == (4, 1, 2)
 
 
-def test_latencies_are_told() -> None:
-    pacer, clock = paced("stop")
-    assert pacer.latencies_ms == {} and pacer.histogram() == []
-    for ms in [1.0] * 98 + [20.0, 30.0]:
-        pacer.sensed()
-        clock.work(ms)
-        pacer.commanded()
-        pacer.wait(PERIOD_NS)
-    assert pacer.latencies_ms == pytest.approx({"p50": 1.0, "p99": 20.1, "max": 30.0})
-    histogram = dict(pacer.histogram())
-    assert sum(histogram.values()) == 100 and histogram[1.0] == 98
-    pacer.start()
-    assert pacer.latencies_ms == {}
-
-
 def test_by_the_real_clock_no_delay_adds_up() -> None:
     pacer = Pacer("hold")
     pacer.start()

@@ -1,0 +1,1 @@
+"""Safety outside the brain: limits of what sensors report, and the states of whatever moves."""
