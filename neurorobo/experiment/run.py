@@ -111,10 +111,10 @@ def run_experiment(
         except Exception as second:
             print(f"note: a recorder failed too: {described(second)}", file=sys.stderr)
         try:
-            if task is not None:
-                folder.write_timing(task.body.timing())
             interrupted = isinstance(error, KeyboardInterrupt)
             folder.finish("interrupted" if interrupted else "failed", None if interrupted else described(error))
+            if task is not None:
+                folder.write_timing(task.body.timing())
         except NeuroroboError as second:  # the disk may be full, which must not hide the first error
             print(f"note: {second}", file=sys.stderr)
         if isinstance(error, KeyboardInterrupt):

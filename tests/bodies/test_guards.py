@@ -31,7 +31,7 @@ def test_a_trip_says_what_and_how_much_and_what_to_do() -> None:
 @given(slope_mN_s=st.floats(-5000, 5000), step_ms=st.integers(1, 40))
 def test_a_load_that_rises_too_fast_trips_whatever_the_rate_of_readings(slope_mN_s: float, step_ms: int) -> None:
     watch = guard(rate=1000.0, rate_window_ns=10 * MS)
-    trips = [watch.check(Reading(i * step_ms * MS, (10_000 + slope_mN_s * i * step_ms * 1e-3,))) for i in range(1, 100)]
+    trips = [watch.check(Reading(i * step_ms * MS, (30_000 + slope_mN_s * i * step_ms * 1e-3,))) for i in range(1, 100)]
     if abs(slope_mN_s - 1000) > 1e-6:
         assert any(trips) == (slope_mN_s > 1000)
 
