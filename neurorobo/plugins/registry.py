@@ -21,7 +21,7 @@ GROUP = "neurorobo.plugins"
 RESTRICTION = "NEUROROBO_PLUGINS"
 """The environment variable that, if set, lists the only plugins to use, separated by commas."""
 
-Kind = Literal["region", "neuron", "code", "rule", "data", "body", "task", "recorder", "command"]
+Kind = Literal["region", "neuron", "code", "rule", "data", "body", "task", "recorder", "command", "device", "physics"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
 
 _PREFIX = re.compile(r"[a-z][a-z0-9_]*")

@@ -135,4 +135,6 @@ class SafetyMachine:
             self._state = new
 
     def _refusal(self) -> str:
-        return f"it is {self._state} and may not move; say `--arm` to let it, or `--dry-run` to see what it would be sent"
+        return (
+            f"it is {self._state} and may not move; say `--arm` to let it, or `--dry-run` to see what it would be sent"
+        )

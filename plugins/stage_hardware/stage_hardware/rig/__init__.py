@@ -1,0 +1,1 @@
+"""Rigs: stages of several controllers and a force sensor that together make one machine."""

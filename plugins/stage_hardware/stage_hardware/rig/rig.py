@@ -1,0 +1,118 @@
+"""A rig: axes of several controllers under names of their own, and a force sensor."""
+
+import time
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Self
+
+from stage_hardware.errors import HardwareError
+from stage_hardware.force_sensor import ForceSensor
+from stage_hardware.stage import Axis, AxisState, Stage
+
+
+@dataclass(frozen=True)
+class Frame:
+    """How an axis of a rig counts: 0 at ``start``, where episodes begin, and upwards along the axis or against it."""
+
+    start: float
+    inverted: bool = False
+
+    def to_axis(self, position: float) -> float:
+        """Return the axis's own position of one that is counted from the start."""
+        return self.start - position if self.inverted else self.start + position
+
+    def to_rig(self, position: float) -> float:
+        """Return the position, counted from the start, of one of the axis's own."""
+        return self.start - position if self.inverted else position - self.start
+
+
+class Rig:
+    """Stages by the names of their controllers, and a force sensor; the names of axes are unique among all stages.
+
+    Positions are in the unit of their axis, um as a rule, from where episodes begin (:class:`Frame`). All methods raise
+    a :class:`stage_hardware.errors.HardwareError`.
+    """
+
+    def __init__(self, stages: Mapping[str, Stage], frames: Mapping[str, Frame], sensor: ForceSensor) -> None:
+        """Remember what there is; nothing is connected yet. A frame for each axis."""
+        self.stages, self.sensor = MappingProxyType(dict(stages)), sensor
+        self.frames = MappingProxyType(dict(frames))
+        self.controller_of = MappingProxyType({axis: name for name, stage in stages.items() for axis in stage.axes})
+        self.axes: Mapping[str, Axis] = MappingProxyType(
+            {name: axis for stage in stages.values() for name, axis in stage.axes.items()}
+        )
+
+    def connect(self) -> None:
+        """Connect all stages and start the sensor; nothing moves, and of what fails, nothing is left open."""
+        try:
+            for stage in self.stages.values():
+                stage.connect()
+            self.sensor.start()
+        except BaseException:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """Close all; safe to call at any time, and twice."""
+        self.sensor.stop()
+        for stage in self.stages.values():
+            stage.close()
+
+    def limits(self, axis: str) -> tuple[float, float]:
+        """Return the least and the largest position of an axis."""
+        ends = (self.frames[axis].to_rig(self.axes[axis].lo), self.frames[axis].to_rig(self.axes[axis].hi))
+        return min(ends), max(ends)
+
+    def move_to(self, targets: Mapping[str, float]) -> None:
+        """Begin to move some axes; those of one controller in one command."""
+        for name, stage in self.stages.items():
+            of_stage = {
+                axis: self.frames[axis].to_axis(target)
+                for axis, target in targets.items()
+                if self.controller_of[axis] == name
+            }
+            if of_stage:
+                stage.move_to(of_stage)
+
+    def home(self, axes: Collection[str]) -> None:
+        """Begin to look for the origins of some axes."""
+        for name, stage in self.stages.items():
+            if of_stage := [axis for axis in axes if self.controller_of[axis] == name]:
+                stage.home(of_stage)
+
+    def state(self) -> dict[str, AxisState]:
+        """Ask all controllers how their axes are, with positions in the rig's frame; a HardwareError for a fault."""
+        states = {}
+        for name, stage in self.stages.items():
+            state = stage.state()
+            if state.fault is not None:
+                raise HardwareError(name, state.fault, "see to it, then home its axes")
+            for axis, one in state.axes.items():
+                position = self.frames[axis].to_rig(one.position)
+                states[axis] = AxisState(position, one.moving, one.referenced, one.at_lower_limit, one.at_upper_limit)
+        return states
+
+    def wait_until_at_rest(self, within_s: float, poll_s: float = 0.02) -> dict[str, AxisState]:
+        """Wait until nothing moves, and return the state then; a HardwareError if that takes longer."""
+        ends = time.monotonic() + within_s
+        while True:
+            states = self.state()
+            moving = [axis for axis, state in states.items() if state.moving]
+            if not moving:
+                return states
+            if time.monotonic() > ends:
+                for stage in self.stages.values():
+                    stage.stop()
+                fault = f"{', '.join(moving)} still moves after {within_s:g} s"
+                raise HardwareError(self.controller_of[moving[0]], fault, "it was stopped: see what slows it down")
+            time.sleep(poll_s)
+
+    def __enter__(self) -> Self:
+        """Connect."""
+        self.connect()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Close."""
+        self.close()
