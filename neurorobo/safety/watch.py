@@ -82,7 +82,7 @@ class SafetyWatch:
             self._stop.set()
 
     def wait_until_all_stand(self) -> bool:
-        """Wait until all movers were stopped and stand, or it is known that they do not; return whether it came to it."""
+        """Wait until all movers stand after a trip, or it is known that they do not; return whether it came to it."""
         return self._stands.wait(2 * self.stands_s + 1)
 
     def _watch(self) -> None:
