@@ -47,6 +47,7 @@ def test_an_insertion_ends_at_the_bottom_and_leaves_a_run_folder(tmp_path: Path,
         "config.resolved.yaml",
         "run.json",
         "summary.json",
+        "timing.json",
         "trajectory.parquet",
         "recording.rrd",
     }

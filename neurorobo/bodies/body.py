@@ -150,4 +150,7 @@ class Body(ABC):
 
     @abstractmethod
     def stop(self) -> None:
-        """Stop every motion; safe to call at any time, and called at the end of every run, however it ended."""
+        """Stop every motion; safe to call at any time, and called at the end of every batch, however it ended."""
+
+    def close(self) -> None:  # noqa: B027 - a simulated body holds nothing
+        """Let go of what a real body holds, such as ports; called at the end of every run, and safe to call twice."""

@@ -120,6 +120,9 @@ def run_experiment(
         if isinstance(error, KeyboardInterrupt):
             raise KeyboardInterrupt(f"what was recorded until then is in {path}") from None
         raise
+    finally:
+        if task is not None:
+            task.body.close()
     folder.finish("finished")
     registry.call("neurorobo_run_finished", folder=path, summary=summary)
     return FinishedRun(folder, summary, files)

@@ -135,6 +135,7 @@ class RerunRecorder(Recorder):
             self._labels[f"body/{name}"] = sensor.unit, sensor.description
         for name, actuator in task.body.actuators.items():
             self._labels[f"command/{name}"] = actuator.unit, actuator.description
+        self._labels["timing/latency"] = "ms", "From the sensors to the commands, by the wall clock."
         if task.scene is not None:
             self._scene = import_target(task.scene)(setting)
 
@@ -147,6 +148,8 @@ class RerunRecorder(Recorder):
             self._ended = True
             return
         self._keep("command", sample.tick, sample.given)
+        if sample.latency_ms is not None:
+            self._keep("timing", sample.tick, {"latency": np.array([[sample.latency_ms]])})
         for step, outputs in sample.outputs.items():
             for name, value in outputs.items():
                 self._rows[f"steps/{step}/{name}"].append(
@@ -341,7 +344,7 @@ def _blueprint(episode: Episode, scene: Scene | None) -> "rerun.blueprint.Bluepr
             view_fit="Fill",
         )
 
-    signals, steps, rates = plots("body", "command"), plots("steps"), plots("rates")
+    signals, steps, rates = plots("body", "command"), plots("steps", "timing"), plots("rates")
     last_uses = {regions[step]: step for step in episode.rasters}.values()
     about = rrb.TextDocumentView(origin="/about", name="About")
     left = about if scene is None else rrb.Vertical(scene.view(), about, row_shares=[5, 2])

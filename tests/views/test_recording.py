@@ -119,6 +119,8 @@ def test_a_recording_is_the_same_alone_and_in_a_batch(tmp_path: Path) -> None:
     by_itself, _ = read(record(alone, SEEDS[:1])[0])
     assert in_batch.keys() == by_itself.keys()
     for entity, table in in_batch.items():
+        if entity == "/timing/latency":  # by the wall clock
+            continue
         data = [name for name in table.column_names if not name.startswith("rerun.controls")]
         assert table.select(data).equals(by_itself[entity].select(data)), entity
 
