@@ -41,6 +41,10 @@ class Pacer:
         """Begin the grid now; the counts go on."""
         self._deadline_ns = self._clock()
 
+    def deadline_ns(self, duration_ns: int) -> int:
+        """Return when a period of this length that is under way has to end, by the clock."""
+        return self._deadline_ns + duration_ns
+
     def wait(self, duration_ns: int) -> None:
         """Let a period of this length end; a MissedDeadlineError if it is over already and the body is to stop then."""
         self._deadline_ns += duration_ns

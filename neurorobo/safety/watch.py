@@ -85,6 +85,10 @@ class SafetyWatch:
         """Wait until all movers stand after a trip, or it is known that they do not; return whether it came to it."""
         return self._stands.wait(2 * self.stands_s + 1)
 
+    def sleep(self, seconds: float) -> None:
+        """Sleep, but no longer than until the first trip."""
+        self._stop.wait(seconds)
+
     def _watch(self) -> None:
         while not self._ends.wait(self.period_s) and not self._stop.is_set():
             for check in self.checks:

@@ -1,0 +1,359 @@
+"""A rig under supervision: it moves only while nothing is wrong, keeps pace, and is stopped and drawn back."""
+
+import math
+import time
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from typing import Any, TypeVar
+
+from neurorobo.bodies.pacer import MissedDeadlineError, Overrun, Pacer
+from neurorobo.errors import NeuroroboError
+from neurorobo.safety.guard import Reading, SensorGuard, Trip
+from neurorobo.safety.limits import Limits
+from neurorobo.safety.machine import SafetyError, SafetyMachine, SafetyState
+from neurorobo.safety.watch import SafetyWatch
+from stage_hardware.errors import HardwareError
+from stage_hardware.force_sensor import ForceReading
+from stage_hardware.rig.rig import Rig
+from stage_hardware.stage import AxisState, Stage
+
+Result = TypeVar("Result")
+HOMES_WITHIN_S = 120.0
+GRACE_NS = 200_000_000
+"""How much longer than a period a loop may say nothing before it is taken for dead."""
+
+
+class _Mover:
+    """A stage, as the safety watch sees it."""
+
+    def __init__(self, stage: Stage) -> None:
+        self._stage = stage
+
+    def stop(self) -> None:
+        self._stage.stop()
+
+    def is_moving(self) -> bool:
+        return any(axis.moving for axis in self._stage.state().axes.values())
+
+
+class ForceWatch:
+    """Guards over components of a force sensor, asked with each of its readings, in its own thread.
+
+    ``limits`` are those of the load that the components make together. What is to be latched is looked for in the
+    readings from the device's own zero as well: a bias that was taken in contact hides a load.
+    """
+
+    def __init__(self, name: str, components: Sequence[str], limits: Limits) -> None:
+        """Watch components of the sensor ``name``."""
+        self._components = tuple(components)
+        self._guard = SensorGuard(name, "mN", limits)
+        self._absolute = SensorGuard(f"{name}, from the sensor's own zero,", "mN", Limits(latch=limits.latch))
+        self._free = SensorGuard(f"{name} where nothing is touched", "mN", Limits())
+        self.is_free = False
+
+    def free(self, limit_mN: float | None) -> None:
+        """Let another limit hold as well where the load should be none, or no longer."""
+        self._free.limits = Limits(stop=limit_mN)
+
+    def forget(self) -> None:
+        """Begin anew: after a bias, the load jumps."""
+        self._guard.reset()
+        self._absolute.reset()
+
+    def check(self, reading: ForceReading) -> Trip | None:
+        """Return what is wrong with a reading."""
+        biased = tuple(reading.values[name] for name in self._components)
+        found = self._guard.check(Reading(reading.time_ns, biased, reading.sequence, reading.fault))
+        if found is None or found.reaction != "latch":
+            unbiased = tuple(reading.unbiased[name] for name in self._components)
+            found = self._absolute.check(Reading(reading.time_ns, unbiased)) or found
+        return found or self._free.check(Reading(reading.time_ns, biased))
+
+    def check_age(self, now_ns: int) -> Trip | None:
+        """Return what is wrong if the last reading is too old."""
+        return self._guard.check_age(now_ns)
+
+
+class SupervisedRig:
+    """Moves a rig on behalf of a control loop; see :class:`neurorobo.safety.machine.SafetyState` for what it may do.
+
+    Whatever goes wrong stops all controllers at once, is verified, and ends in a SafetyError that says what it was.
+    After too large a load, the rig is drawn back along the way it came by ``retracts`` um of ``axial`` at most, in
+    steps of ``retracts_by``, as long as the load falls. Commands are absolute, and none outlasts its period: a loop
+    that dies leaves at most one of them under way.
+    """
+
+    def __init__(
+        self,
+        rig: Rig,
+        machine: SafetyMachine,
+        force_watches: Sequence[ForceWatch],
+        *,
+        overrun: Overrun,
+        following_error: float,
+        axial: str,
+        retracts: float,
+        retracts_by: float,
+        load: Callable[[ForceReading], float],
+    ) -> None:
+        """Prepare it; :meth:`begin` connects. ``load`` (mN) is what has to fall on the way back."""
+        self.rig, self.machine, self.force_watches = rig, machine, tuple(force_watches)
+        self.following_error, self._axial, self._load = following_error, axial, load
+        self._retracts, self._retracts_by = retracts, retracts_by
+        checks = [self._check_loop, *(watch.check_age for watch in force_watches)]
+        self.watch = SafetyWatch(machine, {name: _Mover(stage) for name, stage in rig.stages.items()}, checks)
+        self.pacer = Pacer(overrun, sleep=self._sleep)
+        self.path: list[dict[str, float]] = []
+        """Where the axes were sent since they set out, and will be drawn back along."""
+        self._alive_until_ns: int | None = None
+        self._asking_takes_ns = 0
+        self._is_open = self._was_reported = False
+
+    def begin(self) -> None:
+        """Connect, if that was not done, and watch from now on; a SafetyError for a rig that may not move."""
+        if self._is_open:
+            self.machine.check()
+            return
+        self.machine.run()
+        try:
+            self.rig.connect()
+            self._is_open = True
+            self.rig.sensor.watch(self._felt)
+            self.watch.start()
+        except BaseException:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """Stop what moves, and let go of everything; safe to call twice."""
+        if self._is_open:
+            try:
+                self.halt()
+            finally:
+                self._is_open = False
+                self.watch.close()
+                self.rig.close()
+        self.machine.disarm()
+
+    def halt(self) -> None:
+        """Stop all axes, and see that they stand; a HardwareError for a controller that cannot be told so."""
+        self._alive_until_ns = None
+        if not self._is_open or self.machine.state is not SafetyState.RUNNING:
+            return
+        errors = []
+        for stage in self.rig.stages.values():
+            try:
+                stage.stop()
+            except HardwareError as error:
+                errors.append(error)
+        if errors:
+            self.watch.trip(_trip_of(errors[0]))
+            raise self._stopped()
+        self._call(lambda: self.rig.wait_until_at_rest(2.0))
+
+    def home(self, order: Sequence[Sequence[str]]) -> None:
+        """Home the axes that do not know where they are, group by group."""
+        referenced = {name for name, state in self._call(self.rig.state).items() if state.referenced}
+        for group in order:
+            if waiting := [axis for axis in group if axis not in referenced]:
+                self._call(partial(self.rig.home, waiting))
+                self.wait_until_at_rest(HOMES_WITHIN_S)
+
+    def go_to(self, targets: Mapping[str, float], step: float) -> None:
+        """Bring some axes somewhere in moves of ``step`` at most, and wait until they are there."""
+        here = {name: state.position for name, state in self._call(self.rig.state).items()}
+        moves = max(1, *(math.ceil(abs(target - here[axis]) / step) for axis, target in targets.items()))
+        for i in range(1, moves + 1):
+            self.send({axis: here[axis] + (target - here[axis]) * i / moves for axis, target in targets.items()})
+            longest_s = max(step / self.rig.axes[axis].speed for axis in targets)
+            states = self.wait_until_at_rest(2 * longest_s + 2.0)
+            self._check_arrival(states)
+        self.path = [dict(self._targets(states))]
+
+    def send(self, targets: Mapping[str, float]) -> None:
+        """Send some axes somewhere; returns when the controllers have taken it."""
+        self._check()
+        self._call(lambda: self.rig.move_to(targets))
+        self.path.append({**(self.path[-1] if self.path else {}), **targets})
+
+    def start_pace(self) -> None:
+        """Let the first period begin now."""
+        self.pacer.start()
+
+    def end_period(self, duration_ns: int) -> dict[str, AxisState]:
+        """Wait until the period ends, see that all axes arrived before, and return how they are."""
+        deadline_ns = self.pacer.deadline_ns(duration_ns)
+        self._alive_until_ns = deadline_ns + duration_ns + GRACE_NS
+        early_ns = 3 * self._asking_takes_ns // 2 + 2_000_000
+        while (left_ns := deadline_ns - early_ns - time.monotonic_ns()) > 0 and not self._tripped:
+            self._sleep(left_ns * 1e-9)
+        began_ns = time.monotonic_ns()
+        states = self._call(self.rig.state)
+        self._asking_takes_ns = time.monotonic_ns() - began_ns
+        self._check_arrival(states)
+        try:
+            self.pacer.wait(duration_ns)
+        except MissedDeadlineError as error:
+            fault, cure = str(error).split("; ", 1)
+            self.watch.trip(Trip("deadline", fault, cure))
+        self._check()
+        return states
+
+    def feel(self) -> ForceReading:
+        """Return the last reading of the force; the guards have seen it."""
+        self._check()
+        return self.rig.sensor.latest()
+
+    def bias(self) -> None:
+        """Count forces from the present load."""
+        self._call(self.rig.sensor.bias)
+        for watch in self.force_watches:
+            watch.forget()
+
+    def timing(self) -> dict[str, Any]:
+        """Return what became of the deadlines, ready for JSON."""
+        return {
+            "overruns": self.pacer.overruns,
+            "skipped": self.pacer.skipped,
+            "stop_sent_after_ms": self.watch.reaction_ms,
+        }
+
+    def wait_until_at_rest(self, within_s: float) -> dict[str, AxisState]:
+        """Wait until nothing moves; a SafetyError if that takes longer, after a stop."""
+        ends = time.monotonic() + within_s
+        while True:
+            self._check()
+            states = self._call(self.rig.state)
+            moving = [axis for axis, state in states.items() if state.moving]
+            if not moving:
+                return states
+            if time.monotonic() > ends:
+                fault = f"{', '.join(moving)} still moves after {within_s:.1f} s"
+                self.watch.trip(Trip(self.rig.controller_of[moving[0]], fault, "see what slows it down"))
+            self._sleep(0.01)
+
+    @property
+    def _tripped(self) -> bool:
+        return self.machine.trip is not None
+
+    def _sleep(self, seconds: float) -> None:
+        self.watch.sleep(seconds)
+
+    def _felt(self, reading: ForceReading) -> None:
+        """Take a reading, in the sensor's thread."""
+        for watch in self.force_watches:
+            if (trip := watch.check(reading)) is not None:
+                self.watch.trip(trip)
+
+    def _check_loop(self, now_ns: int) -> Trip | None:
+        until_ns = self._alive_until_ns
+        if until_ns is None or now_ns <= until_ns:
+            return None
+        fault = f"the control loop has said nothing for {(now_ns - until_ns + GRACE_NS) / 1e9:.1f} s more than a period"
+        return Trip("deadline", fault, "choose a longer period, or see what holds it up")
+
+    def _check_arrival(self, states: Mapping[str, AxisState]) -> None:
+        """Trip if an axis is not where it was sent."""
+        for axis, target in self.path[-1].items():
+            state, unit = states[axis], self.rig.axes[axis].unit
+            off = abs(state.position - target)
+            if state.moving or off > self.following_error:
+                what = "is still under way to" if state.moving else "was sent to"
+                fault = f"axis {axis} {what} {target:g} {unit} and is at {state.position:g} {unit}"
+                cure = (
+                    f"see what slows or blocks it, or allow a larger `following_error` than {self.following_error:g} um"
+                )
+                self.watch.trip(Trip(self.rig.controller_of[axis], fault, cure))
+        self._check()
+
+    @staticmethod
+    def _targets(states: Mapping[str, AxisState]) -> dict[str, float]:
+        return {axis: state.position for axis, state in states.items()}
+
+    def _call(self, ask: Callable[[], Result]) -> Result:
+        """Ask a device; whatever it refuses stops all."""
+        self._check()
+        try:
+            return ask()
+        except HardwareError as error:
+            self.watch.trip(_trip_of(error))
+        raise self._stopped()
+
+    def _check(self) -> None:
+        if self._tripped:
+            raise self._stopped()
+        self.machine.check()
+
+    def _stopped(self) -> SafetyError:
+        """See that all stand after a trip, draw back if that is asked for, and say what happened."""
+        trip = self.machine.trip
+        assert trip is not None
+        if self._was_reported:
+            return SafetyError(str(trip), trip)
+        self._was_reported = True
+        stand = self.watch.wait_until_all_stand()
+        words = [str(trip)]
+        if self.machine.state is SafetyState.LATCHED and trip.reaction != "latch":
+            words.append(f"it may still move: {self.machine.latch.reason()}")
+        elif not stand:
+            words.append("whether all axes stand is not known: cut their power")
+        else:
+            words.append("all axes were stopped and stand")
+            if trip.reaction == "retract":
+                words.append(self._retract())
+        if self.machine.state is SafetyState.LATCHED:
+            words.append(f"the rig is latched: look at it, then remove {self.machine.latch.path}")
+        return SafetyError("\n".join(words), trip)
+
+    def _retract(self) -> str:
+        """Draw back along the path while the load falls, and say how that went."""
+        sensor, rig = self.rig.sensor, self.rig
+        try:
+            here = self._targets(rig.state())
+            load = before = self._load(sensor.latest())
+            way = list(_back(here, self.path, self._axial, self._retracts, self._retracts_by))
+            reached = here
+            for place in way:
+                rig.move_to({axis: position for axis, position in place.items() if position != reached[axis]})
+                rig.wait_until_at_rest(2.0)
+                reached = place
+                reading = sensor.latest()
+                if reading.fault is not None:
+                    return f"not drawn back further: {reading.fault}"
+                now = self._load(reading)
+                if now > load + max(0.02 * load, 2.0):
+                    fault = f"on the way back the load rose from {load:.4g} to {now:.4g} mN"
+                    self.machine.stop(Trip("retraction", fault, "look at the rig before you reset it", "latch"))
+                    return fault
+                load = now
+        except NeuroroboError as error:
+            return f"not drawn back: {error}"
+        distance = here[self._axial] - reached[self._axial]
+        return f"drawn back by {distance:.0f} um, the load fell from {before:.4g} to {load:.4g} mN"
+
+
+def _trip_of(error: HardwareError) -> Trip:
+    return Trip(error.device, error.fault, error.cure)
+
+
+def _back(
+    here: Mapping[str, float], path: Sequence[Mapping[str, float]], axial: str, distance: float, step: float
+) -> list[dict[str, float]]:
+    """Return the places along a path backwards from here, ``step`` apart along ``axial``, over ``distance`` at most."""
+    places, at, left = [], dict(here), distance
+    for place in reversed(path):
+        target = {**at, **place}
+        way = at[axial] - target[axial]
+        if way <= 0:
+            continue
+        part = min(1.0, left / way)
+        steps = max(1, math.ceil(way * part / step))
+        start = dict(at)
+        for i in range(1, steps + 1):
+            share = part * i / steps
+            at = {axis: start[axis] + (target[axis] - start[axis]) * share for axis in start}
+            places.append(at)
+        left -= way * part
+        if left <= 0:
+            break
+    return places
