@@ -1,7 +1,7 @@
 """What a rig file says of a device: bases of all configurations of stages and force sensors."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Hashable, Iterable, Mapping
+from collections.abc import Hashable, Mapping
 from fractions import Fraction
 from typing import Annotated, NamedTuple, Self
 
@@ -18,6 +18,9 @@ from stage_hardware.force_sensor import ForceSensor
 from stage_hardware.rig.emulated_device import EmulatedAxis, EmulatedDevice, EmulatedStage
 from stage_hardware.rig.rig import Frame
 from stage_hardware.stage import Axis, Stage
+
+
+WireKind = type[Wire]  # the field `type` of a device hides the name
 
 
 class _Strict(BaseModel):
@@ -93,7 +96,7 @@ class StageConfig(DeviceConfig, ABC):
 
     def emulate(self, name: str) -> EmulatedStage["StageConfig"]:
         """Return an emulator of the controller, not referenced and away from its origins."""
-        raise NeuroroboError(f"{name}: {self.type} has no emulator; put stages.mock_stage in its place")
+        raise NeuroroboError(f"{name}: {self.type} has no emulator; put a controller that has one in its place")
 
     @model_validator(mode="after")
     def _can_be_built(self) -> Self:
@@ -116,7 +119,7 @@ class SerialStageConfig(StageConfig, ABC):
         return self.port.startswith("socket://")
 
     @property
-    def _wire(self) -> type[Wire] | None:
+    def _wire(self) -> WireKind | None:
         """What its emulator answers on: a pseudo-terminal, where there are any, in place of a serial port."""
         return TcpPort if self._is_tcp else None
 
@@ -133,7 +136,7 @@ class ForceSensorConfig(DeviceConfig, ABC):
 
     def emulate(self, name: str, wrench: Wrench) -> EmulatedDevice["ForceSensorConfig"]:
         """Return an emulator of the sensor under a load."""
-        raise NeuroroboError(f"{name}: {self.type} has no emulator; put stages.mock_force_sensor in its place")
+        raise NeuroroboError(f"{name}: {self.type} has no emulator; put a sensor that has one in its place")
 
     @model_validator(mode="after")
     def _can_be_built(self) -> Self:
@@ -141,19 +144,15 @@ class ForceSensorConfig(DeviceConfig, ABC):
         return self
 
 
-def refuse_twice(axes: Mapping[str, AxisConfig], key: str, of: Callable[[AxisConfig], Hashable]) -> None:
-    """Refuse axes that share what has to be their own."""
+def refuse_twice(values: Mapping[str, Hashable], key: str) -> None:
+    """Refuse axes that share what has to be their own: the value of each under ``key``, by the names of the axes."""
     first: dict[Hashable, str] = {}
-    faults = []
-    for name, axis in axes.items():
-        value = of(axis)
-        if value in first:
-            faults.append(Fault(("axes", name, key), f"is {value}, as that of `{first[value]}`; each has its own"))
+    for name, value in values.items():
         first.setdefault(value, name)
+    faults = [
+        Fault(("axes", name, key), f"is that of axis `{first[value]}` too (got {value}); each axis has its own")
+        for name, value in values.items()
+        if first[value] != name
+    ]
     if faults:
-        raise validation_error(faults, "axes")
-
-
-def connectors(numbers: Iterable[int]) -> range:
-    """Return all numbers up to the largest of some."""
-    return range(1, max(numbers) + 1)
+        raise validation_error(faults, key)
