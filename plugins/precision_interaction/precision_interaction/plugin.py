@@ -91,6 +91,12 @@ def neurorobo_register(registry: Registrar) -> None:
     )
     registry.add(
         "body",
+        "precision.hardware_rig",
+        "precision_interaction.rig.hardware_rig_config:HardwareRigConfig",
+        "real stages and a force sensor of a rig file, supervised",
+    )
+    registry.add(
+        "body",
         "precision.mujoco_rig",
         "precision_interaction.rig.mujoco_rig_config:MujocoRigConfig",
         "the same rig with a contact that MuJoCo solves (extra `mujoco`)",

@@ -111,10 +111,10 @@ class SupervisedRig:
 
     def begin(self) -> None:
         """Connect, if that was not done, and watch from now on; a SafetyError for a rig that may not move."""
+        if self.machine.state is not SafetyState.RUNNING:
+            self.machine.run()
         if self._is_open:
-            self.machine.check()
             return
-        self.machine.run()
         try:
             self.rig.connect()
             self._is_open = True
@@ -150,6 +150,7 @@ class SupervisedRig:
             self.watch.trip(_trip_of(errors[0]))
             raise self._stopped()
         self._call(lambda: self.rig.wait_until_at_rest(2.0))
+        self.machine.rest()
 
     def home(self, order: Sequence[Sequence[str]]) -> None:
         """Home the axes that do not know where they are, group by group."""
