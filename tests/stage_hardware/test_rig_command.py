@@ -76,6 +76,7 @@ def test_a_rig_is_driven_from_another_process_until_ctrl_c(tmp_path: Path) -> No
             assert built.wait_until_at_rest(20)["z"].position == pytest.approx(-4900.0)
             assert built.sensor.latest().valid
         process.send_signal(signal.SIGINT)
+        process.send_signal(signal.SIGINT)  # by somebody who is impatient
         assert process.wait(SECONDS) == 0
         assert process.stderr is not None
         assert process.stderr.read() == ""
