@@ -19,7 +19,6 @@ from stage_hardware.rig.emulated_device import EmulatedAxis, EmulatedDevice, Emu
 from stage_hardware.rig.rig import Frame
 from stage_hardware.stage import Axis, Stage
 
-
 WireKind = type[Wire]  # the field `type` of a device hides the name
 
 

@@ -1,7 +1,11 @@
 """The command ``neurorobo emulate``."""
 
+import math
+import signal
+import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,6 +14,7 @@ import click
 from neurorobo.errors import NeuroroboError, did_you_mean
 
 if TYPE_CHECKING:
+    from stage_hardware.rig.device_config import DeviceConfig
     from stage_hardware.rig.emulated_rig import EmulatedRig
     from stage_hardware.rig.rig_config import RigConfig
 
@@ -52,23 +57,21 @@ def emulate(rig: Path, out: Path | None, how_long: str | None, faults: Sequence[
     _refuse_unreachable(rig, config)
     out = out or Path("runs", "emulated", f"{config.name}.yaml")
     _refuse_to_replace(out)
-    with EmulatedRig(config) as emulated:
+    with _asked_to_end() as asked, EmulatedRig(config) as emulated:
         for fault in faults:
             _switch(emulated, fault)
         content = (MARK + emulated.config.dump()).encode()
         write_whole(out, content)
         try:
             _tell(emulated.config, out, ends_after_s)
-            _serve(emulated, ends_after_s)
-        except KeyboardInterrupt:
-            click.echo()
+            _serve(emulated, asked, ends_after_s)
         finally:
             _remove(out, content)
     click.echo(f"ended; {out} is removed")
 
 
 def _refuse_unreachable(rig: Path, config: "RigConfig") -> None:
-    devices = {**{f"controllers.{name}": stage for name, stage in config.controllers.items()}}
+    devices: dict[str, DeviceConfig] = {f"controllers.{name}": stage for name, stage in config.controllers.items()}
     for name, device in {**devices, "force_sensor": config.force_sensor}.items():
         if not device.address:
             raise NeuroroboError(
@@ -109,19 +112,28 @@ def _tell(config: "RigConfig", out: Path, ends_after_s: float | None) -> None:
     click.echo(f"the sensor feels {felt}")
     click.echo(f"rig file: {out}")
     click.echo("next, in another terminal:")
-    click.echo(
-        f'  python -c "from stage_hardware.rig.rig_config import load_rig; rig = load_rig({str(out)!r}).build();'
-    )
-    click.echo('             rig.connect(); print(rig.state(), rig.sensor.latest()); rig.close()"')
+    click.echo('python -c "\nfrom stage_hardware.rig.rig_config import load_rig')
+    click.echo(f"with load_rig({str(out)!r}).build() as rig:")
+    click.echo('    print(rig.state(), rig.sensor.latest())"')
     click.echo("Ctrl-C ends it" if ends_after_s is None else f"it ends after {ends_after_s:g} s, or at Ctrl-C")
 
 
-def _serve(emulated: "EmulatedRig", ends_after_s: float | None) -> None:
+@contextmanager
+def _asked_to_end() -> Iterator[threading.Event]:
+    """Yield what is set by Ctrl-C and by a signal to terminate, however often: neither is to end the ending."""
+    asked = threading.Event()
+    before = {number: signal.signal(number, lambda *_: asked.set()) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield asked
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def _serve(emulated: "EmulatedRig", asked: threading.Event, ends_after_s: float | None) -> None:
     """Wait while the threads of the emulators do the work."""
-    began_s = time.monotonic()
-    while ends_after_s is None or time.monotonic() < began_s + ends_after_s:
-        left_s = LOOKS_EVERY_S if ends_after_s is None else began_s + ends_after_s - time.monotonic()
-        time.sleep(max(0.0, min(LOOKS_EVERY_S, left_s)))
+    ends_s = time.monotonic() + (math.inf if ends_after_s is None else ends_after_s)
+    while (left_s := ends_s - time.monotonic()) > 0 and not asked.wait(min(LOOKS_EVERY_S, left_s)):
         if emulated.fault is not None:
             raise NeuroroboError(f"the emulated rig has ended: {emulated.fault}")
 

@@ -28,6 +28,8 @@ from stage_hardware.rig.device_config import DeviceConfig, ForceSensorConfig, St
 from stage_hardware.rig.physics import PhysicsConfig
 from stage_hardware.rig.rig import Frame, Rig
 
+HINT = "a rig file starts with 'neurorobo_rig: 1'"
+
 FORCE_SENSOR = "force_sensor"
 """What the sensor is called in messages."""
 
@@ -126,9 +128,9 @@ def load_rig(path: str | Path, registry: Registry | None = None) -> RigConfig:
 
 
 def _document(path: str | Path) -> document.Document:
-    read = document.load_document(path)
+    read = document.load_document(path, HINT)
     if "neurorobo" in read.value and "neurorobo_rig" not in read.value:
-        raise NeuroroboError(f"{path}: this is an experiment, not a rig; a rig file starts with 'neurorobo_rig: 1'")
+        raise NeuroroboError(f"{path}: this is an experiment, not a rig; {HINT}")
     return read
 
 

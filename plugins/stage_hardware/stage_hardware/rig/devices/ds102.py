@@ -1,7 +1,6 @@
 """The configuration of Suruga Seiki's DS102 and DS112."""
 
 import math
-from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 from pydantic import Field, model_validator
@@ -51,7 +50,7 @@ class DS102Config(SerialStageConfig):
 
     type: Literal["stages.ds102"]
     baud: int = Field(default=38400, gt=0, strict=True, description="Bits per second.")
-    axes: Mapping[Name, DS102AxisConfig] = Field(min_length=1, description="Its axes, by names of their own.")
+    axes: dict[Name, DS102AxisConfig] = Field(min_length=1, description="Its axes, by names of their own.")
 
     @model_validator(mode="after")
     def _has_connectors(self) -> Self:

@@ -1,6 +1,5 @@
 """The configuration of SIGMA KOKI's controllers in HIT mode."""
 
-from collections.abc import Mapping
 from typing import TYPE_CHECKING, Literal, Self
 
 from pydantic import Field, model_validator
@@ -24,7 +23,7 @@ class HitConfig(SigmaKokiConfig):
     type: Literal["stages.hit"]
     controller: Literal["HSC-103", "HIT-M", "SHRC-203"] = Field(description="Its model.")
     baud: int = Field(default=38400, gt=0, strict=True, description="Bits per second.")
-    axes: Mapping[Name, SigmaKokiAxisConfig] = Field(min_length=1, description="Its axes, by names of their own.")
+    axes: dict[Name, SigmaKokiAxisConfig] = Field(min_length=1, description="Its axes, by names of their own.")
 
     @model_validator(mode="after")
     def _counts_as_it_does(self) -> Self:

@@ -38,7 +38,7 @@ class MicroManagerConfig(StageConfig):
         default={}, description="Properties to set, by device: {XY: {Velocity: '2.0'}}."
     )
     adapter_paths: tuple[str, ...] = Field(default=(), description="More folders to look for adapters in.")
-    axes: Mapping[Name, MicroManagerAxisConfig] = Field(min_length=1, description="Its axes, by names of their own.")
+    axes: dict[Name, MicroManagerAxisConfig] = Field(min_length=1, description="Its axes, by names of their own.")
 
     @property
     def address(self) -> str:

@@ -1,6 +1,5 @@
 """The configuration of a stage without a wire, for rigs without devices."""
 
-from collections.abc import Mapping
 from contextlib import nullcontext
 from typing import TYPE_CHECKING, Literal
 
@@ -18,7 +17,7 @@ class MockStageConfig(StageConfig):
     """Axes that move in this process; no other program can reach them."""
 
     type: Literal["stages.mock_stage"]
-    axes: Mapping[Name, AxisConfig] = Field(min_length=1, description="Its axes, by names of their own.")
+    axes: dict[Name, AxisConfig] = Field(min_length=1, description="Its axes, by names of their own.")
 
     _emulated: "MockStage | None" = PrivateAttr(default=None)
 

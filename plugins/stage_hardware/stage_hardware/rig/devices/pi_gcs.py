@@ -1,6 +1,5 @@
 """The configuration of Physik Instrumente's controllers that speak the General Command Set 2.0."""
 
-from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 from pydantic import Field, model_validator
@@ -58,7 +57,7 @@ class PiGcsConfig(SerialStageConfig):
     has_status_register: bool = Field(
         default=True, strict=True, description="Whether its status register is laid out as that of the C-863."
     )
-    axes: Mapping[Name, PiAxisConfig] = Field(min_length=1, description="Its axes, by names of their own.")
+    axes: dict[Name, PiAxisConfig] = Field(min_length=1, description="Its axes, by names of their own.")
 
     @model_validator(mode="after")
     def _has_identifiers(self) -> Self:

@@ -1,6 +1,5 @@
 """The configuration of SIGMA KOKI's controllers in SHOT mode."""
 
-from collections.abc import Mapping
 from typing import TYPE_CHECKING, Literal
 
 from pydantic import Field
@@ -25,7 +24,7 @@ class ShotConfig(SigmaKokiConfig):
     acknowledges: bool | None = Field(
         default=None, strict=True, description="Its switch ACK: true for MAIN, false for SUB; by default the factory's."
     )
-    axes: Mapping[Name, SigmaKokiAxisConfig] = Field(min_length=1, description="Its axes, by names of their own.")
+    axes: dict[Name, SigmaKokiAxisConfig] = Field(min_length=1, description="Its axes, by names of their own.")
 
     def build(self, name: str) -> "ShotStage":
         """Return the driver."""

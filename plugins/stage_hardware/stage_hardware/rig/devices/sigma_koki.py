@@ -41,7 +41,7 @@ class SigmaKokiAxisConfig(AxisConfig):
 class SigmaKokiConfig(SerialStageConfig):
     """A controller of SIGMA KOKI."""
 
-    axes: Mapping[str, SigmaKokiAxisConfig]
+    axes: dict[str, SigmaKokiAxisConfig]
     hardware_flow_control: bool = Field(default=True, strict=True, description="RTS/CTS, which the controllers want.")
 
     def _mechanisms(

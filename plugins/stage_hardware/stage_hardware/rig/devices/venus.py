@@ -1,6 +1,5 @@
 """The configurations of Micos' controllers that speak Venus-1 (Corvus) and Venus-2 (Pollux, SMC)."""
 
-from collections.abc import Mapping
 from typing import TYPE_CHECKING, Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
@@ -51,7 +50,7 @@ class VenusConfig(SerialStageConfig):
     venus: ClassVar[int]
 
     baud: int
-    axes: Mapping[Name, VenusAxisConfig] = Field(min_length=1, description="Its axes, by names of their own.")
+    axes: dict[Name, VenusAxisConfig] = Field(min_length=1, description="Its axes, by names of their own.")
 
     def emulate(self, name: str) -> EmulatedStage[StageConfig]:
         """Return an emulator, as slow as its baud rate."""
