@@ -41,7 +41,7 @@ class HardwareRig(InsertionBody):
         self._machine = SafetyMachine(Latch(Path(config.rig).with_suffix(".latch.json")))
         self._supervised: SupervisedRig | None = None
         self._rehearsal = ExitStack()
-        self._axial_force_mN = 0.0
+        self._axial_force_mN, self._paced = 0.0, False
         super().reset([])
 
     def arm(self, *, dry_run: bool = False) -> None:
@@ -71,7 +71,7 @@ class HardwareRig(InsertionBody):
         self._free(config.free_force)
         rig.go_to(dict.fromkeys(config.radial, 0.0), WITHDRAWS_BY_UM)
         rig.bias()
-        rig.start_pace()
+        self._paced = False
         self.force_mN = self._felt_mN(rig.feel())
 
     def read(self) -> dict[str, Array]:
@@ -105,6 +105,9 @@ class HardwareRig(InsertionBody):
         config, rig = self.config, self._rig
         if travel_um[0] > config.gap:
             self._free(None)
+        if not self._paced:  # periods count from the first command: the first answer of a brain takes longest
+            rig.start_pace()
+            self._paced = True
         rig.send({config.axial: float(travel_um[0]), **dict(zip(config.radial, stage_um[0].tolist(), strict=True))})
         self.latencies.commanded()
         self._at_um = {name: state.position for name, state in rig.end_period(duration_ns).items()}

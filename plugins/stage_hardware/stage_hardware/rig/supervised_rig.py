@@ -188,9 +188,7 @@ class SupervisedRig:
         early_ns = 3 * self._asking_takes_ns // 2 + 2_000_000
         while (left_ns := deadline_ns - early_ns - time.monotonic_ns()) > 0 and not self._tripped:
             self._sleep(left_ns * 1e-9)
-        began_ns = time.monotonic_ns()
-        states = self._call(self.rig.state)
-        self._asking_takes_ns = time.monotonic_ns() - began_ns
+        states = self._ask()
         self._check_arrival(states)
         try:
             self.pacer.wait(duration_ns)
@@ -223,8 +221,7 @@ class SupervisedRig:
         """Wait until nothing moves; a SafetyError if that takes longer, after a stop."""
         ends = time.monotonic() + within_s
         while True:
-            self._check()
-            states = self._call(self.rig.state)
+            states = self._ask()
             moving = [axis for axis, state in states.items() if state.moving]
             if not moving:
                 return states
@@ -270,6 +267,13 @@ class SupervisedRig:
     @staticmethod
     def _targets(states: Mapping[str, AxisState]) -> dict[str, float]:
         return {axis: state.position for axis, state in states.items()}
+
+    def _ask(self) -> dict[str, AxisState]:
+        """Ask all controllers how their axes are, and note how long that takes: periods have to leave time for it."""
+        began_ns = time.monotonic_ns()
+        states = self._call(self.rig.state)
+        self._asking_takes_ns = time.monotonic_ns() - began_ns
+        return states
 
     def _call(self, ask: Callable[[], Result]) -> Result:
         """Ask a device; whatever it refuses stops all."""
