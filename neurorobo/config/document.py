@@ -71,15 +71,8 @@ class Document:
         return set_it[-1] if set_it else None
 
 
-EXPERIMENT = "an experiment starts with 'neurorobo: 1'"
-"""What is said of a file that is no mapping."""
-
-
-def load_document(path: str | Path, hint: str = EXPERIMENT) -> Document:
-    """Read a YAML file; a ConfigError if it cannot be read, is not UTF-8, not YAML, empty or not a mapping.
-
-    ``hint`` tells how a file of the wanted kind starts.
-    """
+def load_document(path: str | Path) -> Document:
+    """Read a YAML file; a ConfigError if it cannot be read, is not UTF-8, not YAML, empty or not a mapping."""
     source = str(path)
     try:
         text = Path(path).read_bytes().decode("utf-8-sig")
@@ -91,17 +84,17 @@ def load_document(path: str | Path, hint: str = EXPERIMENT) -> Document:
         before, byte = error.object[: error.start].decode(), error.object[error.start]
         message = f"is not text in UTF-8: there is a byte 0x{byte:02x}; save the file as UTF-8"
         raise _error(source, _end(before), message) from None
-    return parse_document(text, source, hint)
+    return parse_document(text, source)
 
 
-def parse_document(text: str, source: str, hint: str = EXPERIMENT) -> Document:
+def parse_document(text: str, source: str) -> Document:
     """Read a YAML mapping; ``source`` is its name in messages."""
     node = _compose(text, source)
     if node is None:
-        raise _error(source, None, f"is empty; {hint}")
+        raise _error(source, None, "is empty; an experiment starts with 'neurorobo: 1'")
     if not isinstance(node, MappingNode):
         wrong = "list" if isinstance(node, SequenceNode) else "single value"
-        raise _error(source, _mark(node), f"is a {wrong}, not a mapping; {hint}")
+        raise _error(source, _mark(node), f"is a {wrong}, not a mapping; an experiment starts with 'neurorobo: 1'")
     reader = _Reader(source)
     value = reader.read(node)
     return Document(source, text, value, reader.marks)

@@ -128,7 +128,7 @@ def load_rig(path: str | Path, registry: Registry | None = None) -> RigConfig:
 
 
 def _document(path: str | Path) -> document.Document:
-    read = document.load_document(path, HINT)
+    read = document.load_document(path)
     if "neurorobo" in read.value and "neurorobo_rig" not in read.value:
         raise NeuroroboError(f"{path}: this is an experiment, not a rig; {HINT}")
     return read
