@@ -90,6 +90,12 @@ def neurorobo_register(registry: Registrar) -> None:
         "simulated rig: axial elevator, radial stage, force sensor",
     )
     registry.add(
+        "physics",
+        "precision.contact_path",
+        "precision_interaction.rig.contact_path_config:ContactPathConfig",
+        "the contact of a simulated insertion, felt by an emulated rig",
+    )
+    registry.add(
         "body",
         "precision.hardware_rig",
         "precision_interaction.rig.hardware_rig_config:HardwareRigConfig",
