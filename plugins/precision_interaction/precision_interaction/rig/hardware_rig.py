@@ -1,6 +1,7 @@
 """The insertion body on real stages: where it is sent and what it feels come from controllers and a sensor."""
 
 import math
+import sys
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
@@ -20,7 +21,7 @@ from neurorobo.safety.machine import Latch, SafetyError, SafetyMachine
 from precision_interaction.rig.hardware_rig_config import HardwareRigConfig
 from precision_interaction.rig.insertion_body import InsertionBody
 
-WITHDRAWS_BY_UM = 500.0
+LONGEST_MOVE_UM = 150.0
 """The longest move on the way to the start."""
 
 
@@ -66,10 +67,11 @@ class HardwareRig(InsertionBody):
         rig.begin()
         config = self.config
         self._free(None)
+        rig.withdraw(LONGEST_MOVE_UM)
         rig.home([[config.axial], list(config.radial)])
-        rig.go_to({config.axial: 0.0}, WITHDRAWS_BY_UM)
+        rig.go_to({config.axial: 0.0}, LONGEST_MOVE_UM)
         self._free(config.free_force)
-        rig.go_to(dict.fromkeys(config.radial, 0.0), WITHDRAWS_BY_UM)
+        rig.go_to(dict.fromkeys(config.radial, 0.0), LONGEST_MOVE_UM)
         rig.bias()
         self._paced = False
         self.force_mN = self._felt_mN(rig.feel())
@@ -92,10 +94,18 @@ class HardwareRig(InsertionBody):
             self._supervised.halt()
 
     def close(self) -> None:
-        """Let go of the rig."""
-        if self._supervised is not None:
-            self._supervised.close()
-        self._rehearsal.close()
+        """Withdraw the peg, if that is wanted and nothing is wrong, and let go of the rig."""
+        is_well = sys.exc_info()[0] is None  # after an error or Ctrl-C, nothing moves by itself
+        try:
+            if is_well and self.config.at_end == "withdraw" and self._supervised and self._supervised.may_move:
+                self._supervised.begin()
+                self._free(None)
+                self._supervised.withdraw(LONGEST_MOVE_UM)
+                self._supervised.halt()
+        finally:
+            if self._supervised is not None:
+                self._supervised.close()
+            self._rehearsal.close()
 
     def timing(self) -> dict[str, Any]:
         """Return latencies, and what became of the deadlines."""

@@ -47,6 +47,10 @@ class HardwareRigConfig(InsertionBodyConfig):
         description="A larger load where the peg touches nothing, on the way to the start or in the gap, stops it."
     )
     retraction: Retraction = Retraction()
+    at_end: Literal["withdraw", "stay"] = Field(
+        default="withdraw",
+        description="Where a run leaves the peg: drawn back along its way, so that the next run can home, or inserted.",
+    )
 
     @model_validator(mode="after")
     def _has_limits(self) -> Self:

@@ -165,16 +165,28 @@ class SupervisedRig:
         here = {name: state.position for name, state in self._call(self.rig.state).items()}
         moves = max(1, *(math.ceil(abs(target - here[axis]) / step) for axis, target in targets.items()))
         for i in range(1, moves + 1):
-            self.send({axis: here[axis] + (target - here[axis]) * i / moves for axis, target in targets.items()})
+            place = {axis: here[axis] + (target - here[axis]) * i / moves for axis, target in targets.items()}
+            self._call(partial(self.rig.move_to, place))
             longest_s = max(step / self.rig.axes[axis].speed for axis in targets)
             states = self.wait_until_at_rest(2 * longest_s + 2.0)
-            self._check_arrival(states)
-        self.path = [dict(self._targets(states))]
+            self._check_arrival(states, place)
+        self.path = [self._targets(states)]
+
+    def withdraw(self, step: float) -> None:
+        """Go back along the way that the rig came, to where it set out, in axial moves of ``step`` or so."""
+        way, last = [], math.inf
+        for place in reversed(self.path):
+            if abs(place[self._axial] - last) >= step:
+                way.append(place)
+                last = place[self._axial]
+        way += self.path[:1]
+        for place in way:
+            self.go_to(place, step)
 
     def send(self, targets: Mapping[str, float]) -> None:
         """Send some axes somewhere; returns when the controllers have taken it."""
         self._check()
-        self._call(lambda: self.rig.move_to(targets))
+        self._call(partial(self.rig.move_to, targets))
         self.path.append({**(self.path[-1] if self.path else {}), **targets})
 
     def start_pace(self) -> None:
@@ -189,7 +201,7 @@ class SupervisedRig:
         while (left_ns := deadline_ns - early_ns - time.monotonic_ns()) > 0 and not self._tripped:
             self._sleep(left_ns * 1e-9)
         states = self._ask()
-        self._check_arrival(states)
+        self._check_arrival(states, self.path[-1])
         try:
             self.pacer.wait(duration_ns)
         except MissedDeadlineError as error:
@@ -231,6 +243,11 @@ class SupervisedRig:
             self._sleep(0.01)
 
     @property
+    def may_move(self) -> bool:
+        """Whether it is connected and nothing is wrong."""
+        return self._is_open and self.machine.state in (SafetyState.ARMED, SafetyState.RUNNING)
+
+    @property
     def _tripped(self) -> bool:
         return self.machine.trip is not None
 
@@ -250,9 +267,9 @@ class SupervisedRig:
         fault = f"the control loop has said nothing for {(now_ns - until_ns + GRACE_NS) / 1e9:.1f} s more than a period"
         return Trip("deadline", fault, "choose a longer period, or see what holds it up")
 
-    def _check_arrival(self, states: Mapping[str, AxisState]) -> None:
+    def _check_arrival(self, states: Mapping[str, AxisState], targets: Mapping[str, float]) -> None:
         """Trip if an axis is not where it was sent."""
-        for axis, target in self.path[-1].items():
+        for axis, target in targets.items():
             state, unit = states[axis], self.rig.axes[axis].unit
             off = abs(state.position - target)
             if state.moving or off > self.following_error:
