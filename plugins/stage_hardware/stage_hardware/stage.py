@@ -33,6 +33,13 @@ class Axis:
             if not 0 < getattr(self, name) < math.inf:
                 raise ValueError(f"the {name} of an axis is positive and finite, got {getattr(self, name)}")
 
+    def moves_for_s(self, distance: float) -> float:
+        """Return how long a move takes that speeds up and slows down as it can, from rest to rest."""
+        way, ramp = abs(distance), self.speed**2 / self.acceleration
+        return (
+            way / self.speed + self.speed / self.acceleration if way > ramp else 2 * math.sqrt(way / self.acceleration)
+        )
+
 
 @dataclass(frozen=True)
 class AxisState:

@@ -106,7 +106,7 @@ class SupervisedRig:
         self.path: list[dict[str, float]] = []
         """Where the axes were sent since they set out, and will be drawn back along."""
         self._alive_until_ns: int | None = None
-        self._asking_takes_ns = 0
+        self._asking_takes_ns = self._arrive_ns = 0
         self._is_open = self._was_reported = False
 
     def begin(self) -> None:
@@ -165,9 +165,12 @@ class SupervisedRig:
         here = {name: state.position for name, state in self._call(self.rig.state).items()}
         moves = max(1, *(math.ceil(abs(target - here[axis]) / step) for axis, target in targets.items()))
         for i in range(1, moves + 1):
-            place = {axis: here[axis] + (target - here[axis]) * i / moves for axis, target in targets.items()}
+            place = {
+                axis: self._within(axis, here[axis] + (target - here[axis]) * i / moves)
+                for axis, target in targets.items()
+            }
             self._call(partial(self.rig.move_to, place))
-            longest_s = max(step / self.rig.axes[axis].speed for axis in targets)
+            longest_s = max(abs(place[axis] - here[axis]) / self.rig.axes[axis].speed for axis in targets)
             states = self.wait_until_at_rest(2 * longest_s + 2.0)
             self._check_arrival(states, place)
         self.path = [self._targets(states)]
@@ -187,7 +190,12 @@ class SupervisedRig:
         """Send some axes somewhere; returns when the controllers have taken it."""
         self._check()
         self._call(partial(self.rig.move_to, targets))
-        self.path.append({**(self.path[-1] if self.path else {}), **targets})
+        before = self.path[-1] if self.path else {}
+        self.path.append({**before, **targets})
+        longest_s = max(
+            self.rig.axes[axis].moves_for_s(target - before.get(axis, target)) for axis, target in targets.items()
+        )
+        self._arrive_ns = time.monotonic_ns() + round(longest_s * 1e9)
 
     def start_pace(self) -> None:
         """Let the first period begin now."""
@@ -197,10 +205,11 @@ class SupervisedRig:
         """Wait until the period ends, see that all axes arrived before, and return how they are."""
         deadline_ns = self.pacer.deadline_ns(duration_ns)
         self._alive_until_ns = deadline_ns + duration_ns + GRACE_NS
-        early_ns = 3 * self._asking_takes_ns // 2 + 2_000_000
-        while (left_ns := deadline_ns - early_ns - time.monotonic_ns()) > 0 and not self._tripped:
+        if (left_ns := min(self._arrive_ns, deadline_ns) - time.monotonic_ns()) > 0:
             self._sleep(left_ns * 1e-9)
         states = self._ask()
+        while any(state.moving for state in states.values()) and self._is_time_to_ask(deadline_ns):
+            states = self._ask()
         self._check_arrival(states, self.path[-1])
         try:
             self.pacer.wait(duration_ns)
@@ -267,6 +276,11 @@ class SupervisedRig:
         fault = f"the control loop has said nothing for {(now_ns - until_ns + GRACE_NS) / 1e9:.1f} s more than a period"
         return Trip("deadline", fault, "choose a longer period, or see what holds it up")
 
+    def _within(self, axis: str, position: float) -> float:
+        """Return the nearest position that the axis may be sent to: its origin may be beyond its travel."""
+        lo, hi = self.rig.limits(axis)
+        return min(max(position, lo), hi)
+
     def _check_arrival(self, states: Mapping[str, AxisState], targets: Mapping[str, float]) -> None:
         """Trip if an axis is not where it was sent."""
         for axis, target in targets.items():
@@ -284,6 +298,9 @@ class SupervisedRig:
     @staticmethod
     def _targets(states: Mapping[str, AxisState]) -> dict[str, float]:
         return {axis: state.position for axis, state in states.items()}
+
+    def _is_time_to_ask(self, deadline_ns: int) -> bool:
+        return time.monotonic_ns() + 3 * self._asking_takes_ns // 2 < deadline_ns
 
     def _ask(self) -> dict[str, AxisState]:
         """Ask all controllers how their axes are, and note how long that takes: periods have to leave time for it."""
