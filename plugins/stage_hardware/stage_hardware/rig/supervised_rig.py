@@ -100,7 +100,7 @@ class SupervisedRig:
         self.rig, self.machine, self.force_watches = rig, machine, tuple(force_watches)
         self.following_error, self._axial, self._load = following_error, axial, load
         self._retracts, self._retracts_by = retracts, retracts_by
-        checks = [self._check_loop, *(watch.check_age for watch in force_watches)]
+        checks = [self._check_loop, self._check_age]
         self.watch = SafetyWatch(machine, {name: _Mover(stage) for name, stage in rig.stages.items()}, checks)
         self.pacer = Pacer(overrun, sleep=self._sleep)
         self.path: list[dict[str, float]] = []
@@ -264,10 +264,17 @@ class SupervisedRig:
         self.watch.sleep(seconds)
 
     def _felt(self, reading: ForceReading) -> None:
-        """Take a reading, in the sensor's thread."""
+        """Take a reading, in the sensor's thread; once stopped, it can only get worse."""
         for watch in self.force_watches:
-            if (trip := watch.check(reading)) is not None:
+            trip = watch.check(reading)
+            if trip is not None and (trip.reaction == "latch" or not self._tripped):
                 self.watch.trip(trip)
+
+    def _check_age(self, now_ns: int) -> Trip | None:
+        """Return what is wrong with a sensor that has fallen silent, unless nothing moves anyhow."""
+        if self.machine.state is not SafetyState.RUNNING:
+            return None
+        return next((trip for watch in self.force_watches if (trip := watch.check_age(now_ns))), None)
 
     def _check_loop(self, now_ns: int) -> Trip | None:
         until_ns = self._alive_until_ns
