@@ -1,10 +1,11 @@
 """Insertions on virtual rigs, over their wire protocols, beside the same brain on the simulated body.
 
 Run ``python benchmarks/hardware/insertions.py`` on an otherwise idle machine (40 minutes; ``--episodes`` and ``--rig``
-for less). For each rig, `neurorobo emulate` brings it up in a process of its own, and `neurorobo run --arm` inserts once
-for each seed from 0 on; the simulation runs the same seeds, with the same contact law, stiffness and period. Wanted: all
-insertions succeed, the mean force is within 10 % of the simulation's, and of at least ten minutes of periods none is
-late. It writes ``insertions.json`` beside itself, prints what is measured, and exits with 1 if a figure is missed.
+for less). For each rig, `neurorobo emulate` brings it up in a process of its own, and `neurorobo run --arm` inserts
+once for each seed from 0 on; the simulation runs the same seeds, with the same contact law, stiffness and period.
+Wanted: all insertions succeed, the mean force is within 10 % of the simulation's, and of at least ten minutes of
+periods none is late. It writes ``insertions.json`` beside itself, prints what is measured, and exits with 1 if a
+figure is missed.
 """
 
 import argparse
