@@ -16,7 +16,11 @@ from neurorobo.experiment.train import train_experiment
 from neurorobo.plugins import Registry
 
 EXAMPLES = Path(__file__).parents[1] / "examples"
-INSERTIONS = sorted(path.name for path in EXAMPLES.glob("*.yaml") if path.name.startswith(("peg_in_hole", "baseline")))
+INSERTIONS = sorted(  # the one on hardware needs a rig: tests of the bundle bring a virtual one up
+    path.name
+    for path in EXAMPLES.glob("*.yaml")
+    if path.name.startswith(("peg_in_hole", "baseline")) and "hardware" not in path.name
+)
 
 needs_mujoco = pytest.mark.skipif(
     any(find_spec(name) is None for name in ("mujoco", "glfw", "imageio")), reason="the extra `mujoco` is not installed"

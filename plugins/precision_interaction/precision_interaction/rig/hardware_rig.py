@@ -5,6 +5,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, ClassVar
 
 import numpy as np
@@ -50,7 +51,8 @@ class HardwareRig(InsertionBody):
         rig = self._rig_config
         if dry_run:
             rig = self._rehearsal.enter_context(DryRun(rig))
-            self._machine = SafetyMachine(Latch(Path(rig.name) / "never"))
+            folder = self._rehearsal.enter_context(TemporaryDirectory())
+            self._machine = SafetyMachine(Latch(Path(folder) / "latch.json"))  # a rehearsal latches no rig
         self._machine.arm()
         self._supervised = self._supervise(rig.build())
 
