@@ -93,9 +93,11 @@ class HardwareRig(InsertionBody):
 
     def close(self) -> None:
         """Let go of the rig."""
-        if self._supervised is not None:
-            self._supervised.close()
-        self._rehearsal.close()
+        try:
+            if self._supervised is not None:
+                self._supervised.close()
+        finally:
+            self._rehearsal.close()
 
     def timing(self) -> dict[str, Any]:
         """Return latencies, and what became of the deadlines."""

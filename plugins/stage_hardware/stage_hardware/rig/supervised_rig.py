@@ -19,6 +19,9 @@ from stage_hardware.stage import AxisState, Stage
 
 Result = TypeVar("Result")
 HOMES_WITHIN_S = 120.0
+DRAWN_BACK_WITHIN_S = 2.0
+"""How long a step of the way back may take."""
+
 GRACE_NS = 200_000_000
 """How much longer than a period a loop may say nothing before it is taken for dead."""
 
@@ -49,19 +52,22 @@ class ForceWatch:
         self._guard = SensorGuard(name, "mN", limits)
         self._absolute = SensorGuard(f"{name}, from the sensor's own zero,", "mN", Limits(latch=limits.latch))
         self._free = SensorGuard(f"{name} where nothing is touched", "mN", Limits())
-        self.is_free = False
+        self._last_ns: int | None = None
 
     def free(self, limit_mN: float | None) -> None:
         """Let another limit hold as well where the load should be none, or no longer."""
         self._free.limits = Limits(stop=limit_mN)
 
     def forget(self) -> None:
-        """Begin anew: after a bias, the load jumps."""
+        """Begin anew: after a bias, the load jumps. That the last reading grows old is not forgotten."""
         self._guard.reset()
         self._absolute.reset()
+        if self._last_ns is not None:
+            self._guard.check(Reading(self._last_ns, (0.0,)))
 
     def check(self, reading: ForceReading) -> Trip | None:
         """Return what is wrong with a reading."""
+        self._last_ns = reading.time_ns
         biased = tuple(reading.values[name] for name in self._components)
         found = self._guard.check(Reading(reading.time_ns, biased, reading.sequence, reading.fault))
         if found is None or found.reaction != "latch":
@@ -136,8 +142,10 @@ class SupervisedRig:
         self.machine.disarm()
 
     def halt(self) -> None:
-        """Stop all axes, and see that they stand; a HardwareError for a controller that cannot be told so."""
+        """Stop all axes, and see that they stand; a SafetyError if they do not, or were stopped for a reason not told."""
         self._alive_until_ns = None
+        if self._is_open and self._tripped and not self._was_reported:
+            raise self._stopped()
         if not self._is_open or self.machine.state is not SafetyState.RUNNING:
             return
         errors = []
@@ -199,9 +207,13 @@ class SupervisedRig:
         return states
 
     def feel(self) -> ForceReading:
-        """Return the last reading of the force; the guards have seen it."""
+        """Return the last reading of the force, which can be trusted; the guards have seen it."""
         self._check()
-        return self.rig.sensor.latest()
+        reading = self.rig.sensor.latest()
+        if reading.fault is not None:
+            self.watch.trip(Trip(self.rig.sensor.name, reading.fault, "see to the sensor"))
+            self._check()
+        return reading
 
     def bias(self) -> None:
         """Count forces from the present load."""
@@ -214,7 +226,11 @@ class SupervisedRig:
         return {
             "overruns": self.pacer.overruns,
             "skipped": self.pacer.skipped,
+            "readings_lost": self.rig.sensor.latest().lost,
+            "tripped_ns": self.watch.tripped_ns,
             "stop_sent_after_ms": self.watch.reaction_ms,
+            "sent_ms": self.watch.sent_ms,
+            "stood_ms": self.watch.stood_ms,
         }
 
     def wait_until_at_rest(self, within_s: float) -> dict[str, AxisState]:
@@ -308,6 +324,8 @@ class SupervisedRig:
                 words.append(self._retract())
         if self.machine.state is SafetyState.LATCHED:
             words.append(f"the rig is latched: look at it, then remove {self.machine.latch.path}")
+        if self.machine.latch_fault is not None:
+            words.append(f"the latch holds for this run only: {self.machine.latch_fault}")
         return SafetyError("\n".join(words), trip)
 
     def _retract(self) -> str:
@@ -316,25 +334,43 @@ class SupervisedRig:
         try:
             here = self._targets(rig.state())
             load = before = self._load(sensor.latest())
-            way = list(_back(here, self.path, self._axial, self._retracts, self._retracts_by))
             reached = here
-            for place in way:
+            for place in _back(here, self.path, self._axial, self._retracts, self._retracts_by):
                 rig.move_to({axis: position for axis, position in place.items() if position != reached[axis]})
-                rig.wait_until_at_rest(2.0)
+                if (fault := self._wait_while_drawn_back()) is not None:
+                    return self._not_drawn_back(fault)
                 reached = place
-                reading = sensor.latest()
-                if reading.fault is not None:
-                    return f"not drawn back further: {reading.fault}"
-                now = self._load(reading)
+                now = self._load(sensor.latest())
                 if now > load + max(0.02 * load, 2.0):
                     fault = f"on the way back the load rose from {load:.4g} to {now:.4g} mN"
                     self.machine.stop(Trip("retraction", fault, "look at the rig before you reset it", "latch"))
-                    return fault
+                    return self._not_drawn_back(fault)
                 load = now
         except NeuroroboError as error:
-            return f"not drawn back: {error}"
+            return self._not_drawn_back(str(error))
         distance = here[self._axial] - reached[self._axial]
         return f"drawn back by {distance:.0f} um, the load fell from {before:.4g} to {load:.4g} mN"
+
+    def _wait_while_drawn_back(self) -> str | None:
+        """Wait until nothing moves; return what is wrong, if something is."""
+        ends = time.monotonic() + DRAWN_BACK_WITHIN_S
+        while True:
+            reading = self.rig.sensor.latest()
+            if reading.fault is not None:
+                return reading.fault
+            if self.machine.state is SafetyState.LATCHED:
+                return f"on the way back, {self.machine.latch.reason()}"
+            moving = [axis for axis, state in self.rig.state().items() if state.moving]
+            if not moving:
+                return None
+            if time.monotonic() > ends:
+                return f"{', '.join(moving)} still moves after {DRAWN_BACK_WITHIN_S:g} s"
+            time.sleep(0.005)
+
+    def _not_drawn_back(self, fault: str) -> str:
+        """Stop once more, as a way back that is given up may be under way still."""
+        words = f"not drawn back any further: {fault}"
+        return words if self.watch.stop_again() else f"{words}; whether all axes stand is not known: cut their power"
 
 
 def _trip_of(error: HardwareError) -> Trip:
