@@ -56,6 +56,13 @@ class Jam:
         """Let a wall begin here."""
         self._hard = mN_um, direction, self._place
 
+    @property
+    def slopes_mN_um(self) -> tuple[float, float]:
+        """How fast the load across and that along the insertion can rise with the way, from now on."""
+        radial_mN, axial_mN, full_depth = self._step
+        steps = (radial_mN / full_depth, axial_mN / full_depth) if full_depth else (0.0, 0.0)
+        return self._config.lateral_mN_um + steps[0] + self._hard[0], self._config.axial_mN_um + steps[1]
+
     def wrench(self, positions: Mapping[str, float]) -> Wrench:
         """Return the load, and keep it."""
         self._place = positions[self._axis]

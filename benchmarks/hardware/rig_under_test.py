@@ -36,7 +36,7 @@ SHORTER: Mapping[str, Mapping[str, Mapping[str, str]]] = {
         "radial": {"travel": "-1..1 mm", "start": "-0.8 mm", "origin": "-1.1 mm"},
     },
 }
-PERIODS = {"shot_ds102": "400 ms", "pi_venus": "80 ms"}
+PERIODS = {"shot_ds102": "400 ms", "pi_venus": "120 ms"}
 SPEEDS = {"shot_ds102": "200 um/s", "pi_venus": "300 um/s"}
 AXIAL_CONTROLLER = {"shot_ds102": "elevator", "pi_venus": "axial"}
 
@@ -62,7 +62,8 @@ def experiment(name: str, folder: Path, rig: EmulatedRig, *, as_shipped: bool = 
     """Write rig file and experiment of a rig that is emulated, and return the latter."""
     rig_path, path = folder / "rig.yaml", folder / "experiment.yaml"
     rig_path.write_text(rig.config.model_copy(update={"emulate": None}).dump(), encoding="utf-8")
-    period = "1 s" if as_shipped and name == "shot_ds102" else PERIODS[name]
+    is_slow = as_shipped and name == "shot_ds102"
+    period, speed = ("1 s", "100 um/s") if is_slow else (PERIODS[name], SPEEDS[name])
     path.write_text(
         f"""neurorobo: 1
 name: faults
@@ -74,7 +75,7 @@ body:
   length: {LENGTH_UM} um
   gap: {GAP_UM} um
   axial_period: {period}
-  max_speed: {SPEEDS[name]}
+  max_speed: {speed}
   creep_speed: 20 um/s
   max_acceleration: 10 mm/s^2
   stage_resolution: 0.5 um
@@ -86,7 +87,7 @@ body:
   overrun: stop
 task: precision.insertion
 regions:
-  trapezoid: {{type: precision.trapezoid, max_speed: {SPEEDS[name]}, max_acceleration: 1 mm/s^2}}
+  trapezoid: {{type: precision.trapezoid, max_speed: {speed}, max_acceleration: 1 mm/s^2}}
   controller: {{type: precision.pid, kp: 2.0, ki: 0.0, kd: 0.0}}
 steps:
   - plan: {{use: trapezoid, remaining: body.remaining, speed: previous plan.speed}}

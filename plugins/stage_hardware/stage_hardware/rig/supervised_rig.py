@@ -12,13 +12,21 @@ from neurorobo.safety.guard import Reading, SensorGuard, Trip
 from neurorobo.safety.limits import Limits
 from neurorobo.safety.machine import SafetyError, SafetyMachine, SafetyState
 from neurorobo.safety.watch import SafetyWatch
-from stage_hardware.errors import HardwareError
+from stage_hardware.errors import HardwareError, InterruptedByStopError
 from stage_hardware.force_sensor import ForceReading
 from stage_hardware.rig.rig import Rig
 from stage_hardware.stage import AxisState, Stage
 
 Result = TypeVar("Result")
-HOMES_WITHIN_S = 120.0
+LOOP = "deadline"
+"""What trips if the control loop is late."""
+
+HOMES_AT_LEAST_AT = 0.2
+"""How fast an axis looks for its origin at least, as a share of its speed: controllers have speeds of their own."""
+
+TURNS_WITHIN_S = 10.0
+"""What more it may take, to turn at switches and to begin one after the other."""
+
 DRAWN_BACK_WITHIN_S = 2.0
 """How long a step of the way back may take."""
 
@@ -113,6 +121,7 @@ class SupervisedRig:
         """Where the axes were sent since they set out, and will be drawn back along."""
         self._alive_until_ns: int | None = None
         self._asking_takes_ns = 0
+        self._waited_for: str | None = None
         self._is_open = self._was_reported = False
 
     def begin(self) -> None:
@@ -166,7 +175,8 @@ class SupervisedRig:
         for group in order:
             if waiting := [axis for axis in group if axis not in referenced]:
                 self._call(partial(self.rig.home, waiting))
-                self.wait_until_at_rest(HOMES_WITHIN_S)
+                ways_s = sum((axis.hi - axis.lo) / axis.speed for axis in map(self.rig.axes.__getitem__, waiting))
+                self.wait_until_at_rest(ways_s / HOMES_AT_LEAST_AT + TURNS_WITHIN_S)
 
     def go_to(self, targets: Mapping[str, float], step: float) -> None:
         """Bring some axes somewhere in moves of ``step`` at most, and wait until they are there."""
@@ -202,7 +212,7 @@ class SupervisedRig:
             self.pacer.wait(duration_ns)
         except MissedDeadlineError as error:
             fault, cure = str(error).split("; ", 1)
-            self.watch.trip(Trip("deadline", fault, cure))
+            self.watch.trip(Trip(LOOP, fault, cure))
         self._check()
         return states
 
@@ -264,7 +274,7 @@ class SupervisedRig:
         if until_ns is None or now_ns <= until_ns:
             return None
         fault = f"the control loop has said nothing for {(now_ns - until_ns + GRACE_NS) / 1e9:.1f} s more than a period"
-        return Trip("deadline", fault, "choose a longer period, or see what holds it up")
+        return Trip(LOOP, fault, "choose a longer period, or see what holds it up")
 
     def _check_arrival(self, states: Mapping[str, AxisState]) -> None:
         """Trip if an axis is not where it was sent."""
@@ -296,6 +306,9 @@ class SupervisedRig:
         self._check()
         try:
             return ask()
+        except InterruptedByStopError as error:
+            self._waited_for = error.device
+            self.watch.trip(_trip_of(error))
         except HardwareError as error:
             self.watch.trip(_trip_of(error))
         raise self._stopped()
@@ -314,8 +327,11 @@ class SupervisedRig:
         self._was_reported = True
         stand = self.watch.wait_until_all_stand()
         words = [str(trip)]
+        if trip.place == LOOP and self._waited_for is not None:
+            words.append(f"it was waiting for a reply of {self._waited_for}")
         if self.machine.state is SafetyState.LATCHED and trip.reaction != "latch":
-            words.append(f"it may still move: {self.machine.latch.reason()}")
+            reason = self.machine.latch.reason() or self.machine.latch_fault
+            words.append(f"it may still move, cut its power: {reason}")
         elif not stand:
             words.append("whether all axes stand is not known: cut their power")
         else:
