@@ -2,6 +2,7 @@
 
 import json
 import threading
+from collections.abc import Callable
 from dataclasses import asdict
 from datetime import UTC, datetime
 from enum import StrEnum
@@ -73,6 +74,8 @@ class SafetyMachine:
         self.latch = latch
         self._lock = threading.Lock()
         self._trip: Trip | None = None
+        self.latch_fault: str | None = None
+        """Why the latch could not be written, if it had to be: then it holds for this process alone."""
         self._state = SafetyState.DISARMED if latch.reason() is None else SafetyState.LATCHED
 
     @property
@@ -111,16 +114,24 @@ class SafetyMachine:
             if self._state is not SafetyState.LATCHED:
                 self._state, self._trip = SafetyState.DISARMED, None
 
-    def stop(self, trip: Trip) -> bool:
-        """Stop for a reason, and return whether it is the first; only a trip to be latched changes what is stopped."""
+    def stop(self, trip: Trip, at_once: Callable[[], None] = lambda: None) -> bool:
+        """Stop for a reason, and return whether it is the first; only a trip to be latched changes what is stopped.
+
+        ``at_once`` is called if it is the first, before the latch is written: that takes its time, and may fail.
+        """
         with self._lock:
             first = self._state not in (SafetyState.STOPPED, SafetyState.LATCHED)
             if first:
                 self._state, self._trip = SafetyState.STOPPED, trip
             if trip.reaction == "latch":
                 self._state = SafetyState.LATCHED
+        if first:
+            at_once()
         if trip.reaction == "latch":
-            self.latch.set(trip)
+            try:
+                self.latch.set(trip)
+            except (NeuroroboError, OSError) as error:
+                self.latch_fault = str(error)
         return first
 
     def check(self) -> None:

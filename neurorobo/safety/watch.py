@@ -42,28 +42,30 @@ class SafetyWatch:
         """Watch over ``movers`` by their names; :meth:`start` begins."""
         self.machine, self.movers, self.checks = machine, dict(movers), tuple(checks)
         self.period_s, self.stands_s = period_s, stands_s
-        self.reaction_ms: float | None = None
-        """From the first trip until all stops were sent."""
+        self.tripped_ns: int | None = None
+        """When the first trip came, by the monotonic clock."""
+        self.sent_ms: dict[str, float] = {}
+        self.stood_ms: dict[str, float] = {}
+        """From the first trip until each mover was sent its stop, and until it was seen to stand."""
         self._ends, self._stop, self._stands = threading.Event(), threading.Event(), threading.Event()
-        self._tripped_ns, self._left = 0, 0
+        self._left = 0
         self._lock = threading.Lock()
         self._threads: list[threading.Thread] = []
 
+    @property
+    def reaction_ms(self) -> float | None:
+        """From the first trip until all stops were sent, if they were."""
+        return max(self.sent_ms.values()) if self.sent_ms.keys() == self.movers.keys() else None
+
     def start(self) -> None:
         """Begin to watch."""
+        self.tripped_ns, self.sent_ms, self.stood_ms = None, {}, {}
         self._ends.clear()
         self._stop.clear()
         self._stands.clear()
-        self._left = len(self.movers)
-        self._threads = [
-            threading.Thread(target=self._watch, name="safety watch", daemon=True),
-            *(
-                threading.Thread(target=self._stand, args=(name, mover), name=f"stop {name}", daemon=True)
-                for name, mover in self.movers.items()
-            ),
-        ]
-        for thread in self._threads:
-            thread.start()
+        self._threads = [threading.Thread(target=self._watch, name="safety watch", daemon=True)]
+        self._threads[0].start()
+        self._await_stop()
 
     def close(self) -> None:
         """End; safe to call twice. What is being stopped is stopped first."""
@@ -76,10 +78,29 @@ class SafetyWatch:
         self._threads = []
 
     def trip(self, trip: Trip) -> None:
-        """Stop all movers; returns at once."""
-        if self.machine.stop(trip):
-            self._tripped_ns = time.monotonic_ns()
-            self._stop.set()
+        """Stop all movers at the first trip; returns at once, or when the latch is written, if there is to be one."""
+        self.machine.stop(trip, self._begin_stop)
+
+    def stop_again(self) -> bool:
+        """Stop all movers once more after a trip, as they have been moved since; return whether that came to an end."""
+        self._stands.clear()
+        self._await_stop()
+        return self.wait_until_all_stand()
+
+    def _begin_stop(self) -> None:
+        self.tripped_ns = time.monotonic_ns()
+        self._stop.set()
+
+    def _await_stop(self) -> None:
+        """Let a thread for each mover wait for the stop."""
+        self._left = len(self.movers)
+        threads = [
+            threading.Thread(target=self._stand, args=(name, mover), name=f"stop {name}", daemon=True)
+            for name, mover in self.movers.items()
+        ]
+        self._threads += threads
+        for thread in threads:
+            thread.start()
 
     def wait_until_all_stand(self) -> bool:
         """Wait until all movers stand after a trip, or it is known that they do not; return whether it came to it."""
@@ -103,21 +124,22 @@ class SafetyWatch:
     def _stand(self, name: str, mover: Mover) -> None:
         """Wait for a trip, stop one mover, and see that it stands."""
         self._stop.wait()
-        if self._ends.is_set():
+        if self.tripped_ns is None:
             return
         deadline, fault = time.monotonic() + self.stands_s, "it does not stand still"
-        stands = False
-        first = True
-        while not stands and (first or time.monotonic() < deadline):
+        stands, tried = False, 0
+        while not stands and (not tried or time.monotonic() < deadline):
+            tried += 1
             try:
                 mover.stop()
-                self._sent(first)
+                self._note(self.sent_ms, name)
                 stands = not mover.is_moving()
-            except NeuroroboError as error:
-                fault = str(error)
-                self._ends.wait(0.01)
-            first = False
-        if not stands:
+            except Exception as error:  # whatever fails, the others have to be waited for
+                fault = str(error) if isinstance(error, NeuroroboError) else repr(error)
+                time.sleep(0.01)
+        if stands:
+            self._note(self.stood_ms, name)
+        else:
             cure = "cut its power now, then look at the rig before you reset it"
             self.machine.stop(Trip(name, f"after a stop, {fault}", cure, "latch"))
         with self._lock:
@@ -125,7 +147,6 @@ class SafetyWatch:
             if self._left == 0:
                 self._stands.set()
 
-    def _sent(self, first: bool) -> None:
-        with self._lock:
-            if first:
-                self.reaction_ms = (time.monotonic_ns() - self._tripped_ns) / 1e6
+    def _note(self, times_ms: dict[str, float], name: str) -> None:
+        assert self.tripped_ns is not None
+        times_ms.setdefault(name, (time.monotonic_ns() - self.tripped_ns) / 1e6)

@@ -335,7 +335,9 @@ class SigmaKokiStage(Stage):
             if not self.tells_settings:
                 self._account_for_silence()
             raise
-        might_be_restarted = reading.time_ns - self._answered_ns > RESTART_NS
+        # At an origin a counter is 0, as it is after a restart, which could be taken for it however quick it was.
+        has_homed = any(not reading.busy[self._axes[name].number - 1] for name in self._homing)
+        might_be_restarted = has_homed or reading.time_ns - self._answered_ns > RESTART_NS
         if self.tells_settings and might_be_restarted and self._has_lost_settings():
             self._referenced.clear()
             self._homing.clear()

@@ -118,6 +118,13 @@ class Mechanism:
             return was_under_way and self._motion.distance != 0
 
     @property
+    def destination(self) -> float:
+        """Where it will come to rest if nobody stops it."""
+        with self._lock:
+            self._settle()
+            return min(max(self._motion.start + self._motion.distance, self.lower_switch), self.upper_switch)
+
+    @property
     def at_lower_switch(self) -> bool:
         """Whether it has run onto its lower switch."""
         return self.position <= self.lower_switch

@@ -17,14 +17,14 @@ class EmulatedRig:
     """The devices of a rig as emulators, from ``with`` to its end.
 
     ``controllers`` and ``sensor`` are the emulated devices, whose ``emulator`` has fault switches; ``box`` is that of
-    the sensor. ``config`` is the rig at their addresses. ``fault`` is what is wrong with the physics, if it failed: the
-    sensor feels what it felt last from then on.
+    the sensor. ``config`` is the rig at their addresses, ``physics`` what the sensor feels. ``fault`` is what is wrong
+    with the physics, if it failed: the sensor feels what it felt last from then on.
     """
 
     def __init__(self, config: RigConfig) -> None:
         """Prepare it; a NeuroroboError for a device that has no emulator, and for physics that cannot be built."""
         self._rig, self._frames = config, config.frames
-        self._physics = _physics(config)
+        self.physics = _physics(config)
         self.controllers = MappingProxyType(
             {name: controller.emulate(name) for name, controller in config.controllers.items()}
         )
@@ -57,9 +57,9 @@ class EmulatedRig:
         }
 
     def _wrench(self, time_s: float) -> Sequence[float]:
-        if self._physics is not None and self.fault is None:
+        if self.physics is not None and self.fault is None:
             try:
-                self._felt = self._physics.wrench(self.positions())
+                self._felt = self.physics.wrench(self.positions())
             except Exception as error:  # in a thread of the sensor, whose end would pass for a silent device
                 self.fault = f"its physics has failed: {described(error)}"
         return self._felt

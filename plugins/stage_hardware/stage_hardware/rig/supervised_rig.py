@@ -12,13 +12,24 @@ from neurorobo.safety.guard import Reading, SensorGuard, Trip
 from neurorobo.safety.limits import Limits
 from neurorobo.safety.machine import SafetyError, SafetyMachine, SafetyState
 from neurorobo.safety.watch import SafetyWatch
-from stage_hardware.errors import HardwareError
+from stage_hardware.errors import HardwareError, InterruptedByStopError
 from stage_hardware.force_sensor import ForceReading
 from stage_hardware.rig.rig import Rig
 from stage_hardware.stage import AxisState, Stage
 
 Result = TypeVar("Result")
-HOMES_WITHIN_S = 120.0
+LOOP = "deadline"
+"""What trips if the control loop is late."""
+
+HOMES_AT_LEAST_AT = 0.2
+"""How fast an axis looks for its origin at least, as a share of its speed: controllers have speeds of their own."""
+
+TURNS_WITHIN_S = 10.0
+"""What more it may take, to turn at switches and to begin one after the other."""
+
+DRAWN_BACK_WITHIN_S = 2.0
+"""How long a step of the way back may take."""
+
 GRACE_NS = 200_000_000
 """How much longer than a period a loop may say nothing before it is taken for dead."""
 
@@ -49,19 +60,22 @@ class ForceWatch:
         self._guard = SensorGuard(name, "mN", limits)
         self._absolute = SensorGuard(f"{name}, from the sensor's own zero,", "mN", Limits(latch=limits.latch))
         self._free = SensorGuard(f"{name} where nothing is touched", "mN", Limits())
-        self.is_free = False
+        self._last_ns: int | None = None
 
     def free(self, limit_mN: float | None) -> None:
         """Let another limit hold as well where the load should be none, or no longer."""
         self._free.limits = Limits(stop=limit_mN)
 
     def forget(self) -> None:
-        """Begin anew: after a bias, the load jumps."""
+        """Begin anew: after a bias, the load jumps. That the last reading grows old is not forgotten."""
         self._guard.reset()
         self._absolute.reset()
+        if self._last_ns is not None:
+            self._guard.check(Reading(self._last_ns, (0.0,)))
 
     def check(self, reading: ForceReading) -> Trip | None:
         """Return what is wrong with a reading."""
+        self._last_ns = reading.time_ns
         biased = tuple(reading.values[name] for name in self._components)
         found = self._guard.check(Reading(reading.time_ns, biased, reading.sequence, reading.fault))
         if found is None or found.reaction != "latch":
@@ -107,6 +121,7 @@ class SupervisedRig:
         """Where the axes were sent since they set out, and will be drawn back along."""
         self._alive_until_ns: int | None = None
         self._asking_takes_ns = self._arrive_ns = 0
+        self._waited_for: str | None = None
         self._is_open = self._was_reported = False
 
     def begin(self) -> None:
@@ -136,8 +151,10 @@ class SupervisedRig:
         self.machine.disarm()
 
     def halt(self) -> None:
-        """Stop all axes, and see that they stand; a HardwareError for a controller that cannot be told so."""
+        """Stop all axes, and see that they stand; a SafetyError if they do not, or for a reason that was not told."""
         self._alive_until_ns = None
+        if self._is_open and self._tripped and not self._was_reported:
+            raise self._stopped()
         if not self._is_open or self.machine.state is not SafetyState.RUNNING:
             return
         errors = []
@@ -158,7 +175,8 @@ class SupervisedRig:
         for group in order:
             if waiting := [axis for axis in group if axis not in referenced]:
                 self._call(partial(self.rig.home, waiting))
-                self.wait_until_at_rest(HOMES_WITHIN_S)
+                ways_s = sum((axis.hi - axis.lo) / axis.speed for axis in map(self.rig.axes.__getitem__, waiting))
+                self.wait_until_at_rest(ways_s / HOMES_AT_LEAST_AT + TURNS_WITHIN_S)
 
     def go_to(self, targets: Mapping[str, float], step: float) -> None:
         """Bring some axes somewhere in moves of ``step`` at most, and wait until they are there."""
@@ -215,14 +233,18 @@ class SupervisedRig:
             self.pacer.wait(duration_ns)
         except MissedDeadlineError as error:
             fault, cure = str(error).split("; ", 1)
-            self.watch.trip(Trip("deadline", fault, cure))
+            self.watch.trip(Trip(LOOP, fault, cure))
         self._check()
         return states
 
     def feel(self) -> ForceReading:
-        """Return the last reading of the force; the guards have seen it."""
+        """Return the last reading of the force, which can be trusted; the guards have seen it."""
         self._check()
-        return self.rig.sensor.latest()
+        reading = self.rig.sensor.latest()
+        if reading.fault is not None:
+            self.watch.trip(Trip(self.rig.sensor.name, reading.fault, "see to the sensor"))
+            self._check()
+        return reading
 
     def bias(self) -> None:
         """Count forces from the present load."""
@@ -235,7 +257,11 @@ class SupervisedRig:
         return {
             "overruns": self.pacer.overruns,
             "skipped": self.pacer.skipped,
+            "readings_lost": self.rig.sensor.latest().lost,
+            "tripped_ns": self.watch.tripped_ns,
             "stop_sent_after_ms": self.watch.reaction_ms,
+            "sent_ms": self.watch.sent_ms,
+            "stood_ms": self.watch.stood_ms,
         }
 
     def wait_until_at_rest(self, within_s: float) -> dict[str, AxisState]:
@@ -281,7 +307,7 @@ class SupervisedRig:
         if until_ns is None or now_ns <= until_ns:
             return None
         fault = f"the control loop has said nothing for {(now_ns - until_ns + GRACE_NS) / 1e9:.1f} s more than a period"
-        return Trip("deadline", fault, "choose a longer period, or see what holds it up")
+        return Trip(LOOP, fault, "choose a longer period, or see what holds it up")
 
     def _within(self, axis: str, position: float) -> float:
         """Return the nearest position that the axis may be sent to: its origin may be beyond its travel."""
@@ -321,6 +347,9 @@ class SupervisedRig:
         self._check()
         try:
             return ask()
+        except InterruptedByStopError as error:
+            self._waited_for = error.device
+            self.watch.trip(_trip_of(error))
         except HardwareError as error:
             self.watch.trip(_trip_of(error))
         raise self._stopped()
@@ -339,8 +368,11 @@ class SupervisedRig:
         self._was_reported = True
         stand = self.watch.wait_until_all_stand()
         words = [str(trip)]
+        if trip.place == LOOP and self._waited_for is not None:
+            words.append(f"it was waiting for a reply of {self._waited_for}")
         if self.machine.state is SafetyState.LATCHED and trip.reaction != "latch":
-            words.append(f"it may still move: {self.machine.latch.reason()}")
+            reason = self.machine.latch.reason() or self.machine.latch_fault
+            words.append(f"it may still move, cut its power: {reason}")
         elif not stand:
             words.append("whether all axes stand is not known: cut their power")
         else:
@@ -349,6 +381,8 @@ class SupervisedRig:
                 words.append(self._retract())
         if self.machine.state is SafetyState.LATCHED:
             words.append(f"the rig is latched: look at it, then remove {self.machine.latch.path}")
+        if self.machine.latch_fault is not None:
+            words.append(f"the latch holds for this run only: {self.machine.latch_fault}")
         return SafetyError("\n".join(words), trip)
 
     def _retract(self) -> str:
@@ -357,25 +391,43 @@ class SupervisedRig:
         try:
             here = self._targets(rig.state())
             load = before = self._load(sensor.latest())
-            way = list(_back(here, self.path, self._axial, self._retracts, self._retracts_by))
             reached = here
-            for place in way:
+            for place in _back(here, self.path, self._axial, self._retracts, self._retracts_by):
                 rig.move_to({axis: position for axis, position in place.items() if position != reached[axis]})
-                rig.wait_until_at_rest(2.0)
+                if (fault := self._wait_while_drawn_back()) is not None:
+                    return self._not_drawn_back(fault)
                 reached = place
-                reading = sensor.latest()
-                if reading.fault is not None:
-                    return f"not drawn back further: {reading.fault}"
-                now = self._load(reading)
+                now = self._load(sensor.latest())
                 if now > load + max(0.02 * load, 2.0):
                     fault = f"on the way back the load rose from {load:.4g} to {now:.4g} mN"
                     self.machine.stop(Trip("retraction", fault, "look at the rig before you reset it", "latch"))
-                    return fault
+                    return self._not_drawn_back(fault)
                 load = now
         except NeuroroboError as error:
-            return f"not drawn back: {error}"
+            return self._not_drawn_back(str(error))
         distance = here[self._axial] - reached[self._axial]
         return f"drawn back by {distance:.0f} um, the load fell from {before:.4g} to {load:.4g} mN"
+
+    def _wait_while_drawn_back(self) -> str | None:
+        """Wait until nothing moves; return what is wrong, if something is."""
+        ends = time.monotonic() + DRAWN_BACK_WITHIN_S
+        while True:
+            reading = self.rig.sensor.latest()
+            if reading.fault is not None:
+                return reading.fault
+            if self.machine.state is SafetyState.LATCHED:
+                return f"on the way back, {self.machine.latch.reason()}"
+            moving = [axis for axis, state in self.rig.state().items() if state.moving]
+            if not moving:
+                return None
+            if time.monotonic() > ends:
+                return f"{', '.join(moving)} still moves after {DRAWN_BACK_WITHIN_S:g} s"
+            time.sleep(0.005)
+
+    def _not_drawn_back(self, fault: str) -> str:
+        """Stop once more, as a way back that is given up may be under way still."""
+        words = f"not drawn back any further: {fault}"
+        return words if self.watch.stop_again() else f"{words}; whether all axes stand is not known: cut their power"
 
 
 def _trip_of(error: HardwareError) -> Trip:
