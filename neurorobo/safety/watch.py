@@ -49,6 +49,7 @@ class SafetyWatch:
         """From the first trip until each mover was sent its stop, and until it was seen to stand."""
         self._ends, self._stop, self._stands = threading.Event(), threading.Event(), threading.Event()
         self._left = 0
+        self._failed: set[str] = set()  # movers that are not known to stand
         self._lock = threading.Lock()
         self._threads: list[threading.Thread] = []
 
@@ -82,10 +83,10 @@ class SafetyWatch:
         self.machine.stop(trip, self._begin_stop)
 
     def stop_again(self) -> bool:
-        """Stop all movers once more after a trip, as they have been moved since; return whether that came to an end."""
+        """Stop all movers once more after a trip, as they have been moved since; return whether all stand."""
         self._stands.clear()
         self._await_stop()
-        return self.wait_until_all_stand()
+        return self.wait_until_all_stand() and not self._failed
 
     def _begin_stop(self) -> None:
         self.tripped_ns = time.monotonic_ns()
@@ -93,7 +94,7 @@ class SafetyWatch:
 
     def _await_stop(self) -> None:
         """Let a thread for each mover wait for the stop."""
-        self._left = len(self.movers)
+        self._left, self._failed = len(self.movers), set()
         threads = [
             threading.Thread(target=self._stand, args=(name, mover), name=f"stop {name}", daemon=True)
             for name, mover in self.movers.items()
@@ -140,6 +141,7 @@ class SafetyWatch:
         if stands:
             self._note(self.stood_ms, name)
         else:
+            self._failed.add(name)
             cure = "cut its power now, then look at the rig before you reset it"
             self.machine.stop(Trip(name, f"after a stop, {fault}", cure, "latch"))
         with self._lock:

@@ -421,13 +421,17 @@ class SupervisedRig:
             if not moving:
                 return None
             if time.monotonic() > ends:
-                return f"{', '.join(moving)} still moves after {DRAWN_BACK_WITHIN_S:g} s"
+                controller = self.rig.controller_of[moving[0]]
+                return f"{controller}: {', '.join(moving)} still moves after {DRAWN_BACK_WITHIN_S:g} s"
             time.sleep(0.005)
 
     def _not_drawn_back(self, fault: str) -> str:
         """Stop once more, as a way back that is given up may be under way still."""
         words = f"not drawn back any further: {fault}"
-        return words if self.watch.stop_again() else f"{words}; whether all axes stand is not known: cut their power"
+        if self.watch.stop_again():
+            return words
+        reason = self.machine.latch.reason() or self.machine.latch_fault
+        return f"{words}\nit may still move, cut its power: {reason}"
 
 
 def _trip_of(error: HardwareError) -> Trip:

@@ -1,0 +1,289 @@
+"""A supervised rig of stages and a sensor without wires: whatever goes wrong stops it, and is told."""
+
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+from stage_hardware.emulators.mock_force_sensor import MockForceSensor
+from stage_hardware.emulators.mock_stage import MockStage
+from stage_hardware.force_sensor import Component, ForceReading
+from stage_hardware.rig.rig import Frame, Rig
+from stage_hardware.rig.supervised_rig import ForceWatch, SupervisedRig
+from stage_hardware.stage import Axis
+
+from neurorobo.safety.limits import Limits
+from neurorobo.safety.machine import Latch, SafetyError, SafetyMachine, SafetyState
+
+PERIOD_NS = 60_000_000
+STOP_MN, LATCH_MN = 100.0, 300.0
+MS = 1_000_000
+
+
+class Bench:
+    """Two mock stages, z and x, and a sensor that feels ``stiffness`` times what z is beyond 50 um, and ``push``."""
+
+    def __init__(self, folder: Path) -> None:
+        def axis(speed_um_s: float) -> Axis:
+            return Axis("um", 0.0, 2000.0, 0.1, speed_um_s, 200_000.0)
+
+        self.z = MockStage("elevator", {"z": axis(4000.0)}, positions={"z": 30.0}, beyond=100.0)
+        self.x = MockStage("table", {"x": axis(4000.0)}, positions={"x": 30.0}, beyond=100.0)
+        self.stiffness_mN_um, self.push_mN = 0.0, 0.0
+        self.sensor = MockForceSensor("force sensor", {"Fx": Component("mN", 1e6, 1.0)}, self._wrench)
+        rig = Rig(
+            {"elevator": self.z, "table": self.x},
+            {"z": Frame(100.0), "x": Frame(50.0)},
+            self.sensor,
+        )
+        self.latch = Latch(folder / "rig.latch.json")
+        self.machine = SafetyMachine(self.latch)
+        limits = Limits(stop=STOP_MN, latch=LATCH_MN, rate=1e6, age_ns=50 * MS)
+        self.force = ForceWatch("force", ("Fx",), limits)
+        self.rig = SupervisedRig(
+            rig,
+            self.machine,
+            [self.force],
+            overrun="stop",
+            following_error=2.0,
+            axial="z",
+            retracts=60.0,
+            retracts_by=10.0,
+            load=self._load,
+        )
+
+    @staticmethod
+    def _load(reading: ForceReading) -> float:
+        return abs(reading.values["Fx"])
+
+    def _wrench(self, time_s: float) -> tuple[float, ...]:
+        return (self.push_mN + self.stiffness_mN_um * max(0.0, self.depth_um - 50.0),)
+
+    @property
+    def depth_um(self) -> float:
+        return self.z.mechanisms["z"].position - 100.0
+
+    def ready(self) -> SupervisedRig:
+        self.machine.arm()
+        self.rig.begin()
+        self.rig.home([["z"], ["x"]])
+        self.rig.go_to({"z": 0.0, "x": 0.0}, 500.0)
+        self.rig.bias()
+        self.rig.start_pace()
+        return self.rig
+
+    def insert(self, step_um: float = 10.0, periods: int = 100) -> None:
+        """Move as a control loop does, until something stops it."""
+        for period in range(1, periods + 1):
+            self.rig.send({"z": period * step_um})
+            self.rig.end_period(PERIOD_NS)
+            self.rig.feel()
+
+    def stands(self) -> bool:
+        mechanisms = (*self.z.mechanisms.values(), *self.x.mechanisms.values())
+        before = [mechanism.position for mechanism in mechanisms]
+        time.sleep(0.03)
+        return before == [mechanism.position for mechanism in mechanisms]
+
+
+@pytest.fixture
+def bench(tmp_path: Path) -> Iterator[Bench]:
+    before = set(threading.enumerate())
+    built = Bench(tmp_path)
+    try:
+        yield built
+    finally:
+        built.rig.close()
+    assert set(threading.enumerate()) == before
+
+
+def soon(act: Callable[[], object], after_s: float = 0.15) -> threading.Timer:
+    timer = threading.Timer(after_s, act)
+    timer.start()
+    return timer
+
+
+def stopped(bench: Bench, run: Callable[[], None]) -> str:
+    with pytest.raises(SafetyError) as raised:
+        run()
+    assert bench.stands()
+    assert bench.machine.state in (SafetyState.STOPPED, SafetyState.LATCHED)
+    with pytest.raises(SafetyError):
+        bench.rig.send({"z": 0.0})
+    return str(raised.value)
+
+
+def test_it_homes_goes_to_the_start_and_keeps_pace(bench: Bench) -> None:
+    rig = bench.ready()
+    began_s = time.monotonic()
+    bench.insert(periods=5)
+    assert 0.3 <= time.monotonic() - began_s < 0.5
+    assert bench.depth_um == pytest.approx(50.0)
+    rig.halt()
+    assert bench.machine.state is SafetyState.ARMED
+    assert rig.timing()["overruns"] == 0
+    assert rig.timing()["stop_sent_after_ms"] is None
+
+
+def test_a_rig_that_was_not_armed_does_not_even_connect(bench: Bench) -> None:
+    with pytest.raises(SafetyError, match="`--arm`"):
+        bench.rig.begin()
+    assert not bench.z._connected
+
+
+def test_an_axis_that_lags_behind_stops_all(bench: Bench) -> None:
+    bench.ready()
+    soon(lambda: setattr(bench.z.mechanisms["z"], "slowness", 1000.0))
+    told = stopped(bench, bench.insert)
+    assert "elevator: axis z is still under way" in told and "following_error" in told
+    assert "all axes were stopped and stand" in told
+
+
+def test_an_axis_that_loses_its_reference_moves_no_more(bench: Bench) -> None:
+    bench.ready()
+    soon(bench.z.power_cycle)
+    told = stopped(bench, bench.insert)
+    assert told.startswith("elevator: ")
+
+
+def test_an_axis_that_was_not_homed_is_not_sent_anywhere(bench: Bench) -> None:
+    bench.machine.arm()
+    bench.rig.begin()
+    here = bench.z.mechanisms["z"].position
+    told = stopped(bench, lambda: bench.rig.send({"z": 0.0}))
+    assert "axis z does not know where it is; home it first" in told
+    assert bench.z.mechanisms["z"].position == here
+
+
+def test_a_sensor_that_falls_silent_stops_it_and_it_is_not_drawn_back(bench: Bench) -> None:
+    bench.ready()
+    soon(lambda: setattr(bench.sensor, "silent", True))
+    told = stopped(bench, bench.insert)
+    assert "force: its last reading is" in told and "drawn back" not in told
+
+
+def test_a_sensor_that_falls_silent_with_its_bias_is_not_forgotten(bench: Bench) -> None:
+    """Forgetting readings for the bias must not make their age unknown."""
+    rig = bench.ready()
+    bench.sensor.silent = True
+    time.sleep(0.005)
+    rig.force_watches[0].forget()
+    told = stopped(bench, bench.insert)
+    assert "its last reading is" in told
+
+
+def test_a_faulty_reading_stops_it(bench: Bench) -> None:
+    bench.ready()
+    soon(lambda: setattr(bench.sensor, "fault", "saturated"))
+    assert "force: saturated" in stopped(bench, bench.insert)
+
+
+def test_after_too_large_a_force_it_is_drawn_back_while_the_force_falls(bench: Bench) -> None:
+    bench.ready()
+    bench.stiffness_mN_um = 5.0
+    told = stopped(bench, bench.insert)
+    assert "force: " in told and "of 100 mN allowed" in told
+    assert "drawn back by 60 um, the load fell from" in told
+    assert bench.depth_um < 50.0  # it was stopped some 20 um beyond
+    assert bench.latch.reason() is None
+
+
+def test_a_load_that_rises_on_the_way_back_latches(bench: Bench) -> None:
+    bench.ready()
+    bench.stiffness_mN_um = 5.0
+
+    def traps() -> None:
+        while bench.z.mechanisms["z"].velocity >= 0:
+            time.sleep(0.001)
+        bench.push_mN = 100.0
+
+    trap = threading.Thread(target=traps, daemon=True)
+    trap.start()
+    told = stopped(bench, bench.insert)
+    assert "on the way back the load rose" in told and "is latched" in told
+    assert "retraction" in str(bench.latch.reason())
+
+
+def test_a_sensor_that_fails_on_the_way_back_ends_it(bench: Bench) -> None:
+    bench.ready()
+    bench.stiffness_mN_um = 5.0
+
+    def fails() -> None:
+        while bench.z.mechanisms["z"].velocity >= 0:
+            time.sleep(0.001)
+        bench.sensor.silent = True
+        bench.z.mechanisms["z"].slowness = 1000.0
+
+    threading.Thread(target=fails, daemon=True).start()
+    told = stopped(bench, bench.insert)
+    assert "not drawn back any further: no reading for" in told
+
+
+def test_a_load_beyond_the_latch_is_not_drawn_back_and_holds_for_the_next_run(bench: Bench, tmp_path: Path) -> None:
+    bench.ready()
+    soon(lambda: setattr(bench, "push_mN", 400.0))
+    told = stopped(bench, bench.insert)
+    assert "of 300 mN allowed" in told and "drawn back" not in told
+    assert "remove" in told and str(bench.latch.path) in told
+    bench.rig.close()
+    with pytest.raises(SafetyError, match="it is latched"):
+        Bench(tmp_path).machine.arm()
+
+
+def test_a_loop_that_says_nothing_is_stopped_on_its_way(bench: Bench) -> None:
+    bench.ready()
+    bench.insert(periods=2)
+    bench.z.mechanisms["z"].slowness = 1000.0
+    bench.rig.send({"z": 1000.0})  # and then it hangs
+    time.sleep(0.5)
+    assert bench.stands()
+    assert bench.depth_um < 100
+    told = stopped(bench, lambda: bench.rig.send({"z": 30.0}))
+    assert "deadline: the control loop has said nothing for" in told
+
+
+def test_a_missed_deadline_stops_it(bench: Bench) -> None:
+    bench.ready()
+    bench.insert(periods=2)
+    bench.rig.send({"z": 30.0})
+    time.sleep(0.1)
+    told = stopped(bench, lambda: [bench.rig.end_period(PERIOD_NS)] and None)
+    assert "ms late" in told
+
+
+def test_a_halt_stops_what_moves_and_sees_that_it_stands(bench: Bench) -> None:
+    bench.ready()
+    bench.z.mechanisms["z"].slowness = 100.0
+    bench.rig.send({"z": 1000.0})
+    assert bench.z.mechanisms["z"].moving
+    bench.rig.halt()
+    assert bench.stands()
+
+
+def test_a_stage_that_cannot_be_stopped_is_latched_and_the_other_stands(bench: Bench) -> None:
+    bench.ready()
+
+    def unplugs() -> None:
+        bench.z.unplugged = True
+
+    soon(unplugs)
+    told = stopped(bench, bench.insert)
+    assert "elevator: the line is gone" in told and "cut its power" in told
+    assert bench.machine.state is SafetyState.LATCHED
+    assert "table" in bench.rig.watch.stood_ms
+
+
+def test_a_trip_that_nobody_was_told_of_is_told_at_the_end(bench: Bench) -> None:
+    bench.ready()
+    bench.insert(periods=2)
+    bench.push_mN = 150.0
+    time.sleep(0.1)
+    with pytest.raises(SafetyError, match="of 100 mN allowed"):
+        bench.rig.halt()
+
+
+def test_a_refusal_stops_all(bench: Bench) -> None:
+    bench.ready()
+    soon(lambda: setattr(bench.z, "refusals", 1))
+    assert "elevator: the command was refused" in stopped(bench, bench.insert)
