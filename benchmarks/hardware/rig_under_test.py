@@ -88,7 +88,7 @@ body:
 task: precision.insertion
 regions:
   trapezoid: {{type: precision.trapezoid, max_speed: {speed}, max_acceleration: 1 mm/s^2}}
-  controller: {{type: precision.pid, kp: 2.0, ki: 0.0, kd: 0.0}}
+  controller: {{type: precision.pid, kp: 8.0, ki: 0.0, kd: 0.0}}
 steps:
   - plan: {{use: trapezoid, remaining: body.remaining, speed: previous plan.speed}}
   - act: {{use: controller, every: radial, force: body.force}}
@@ -178,6 +178,7 @@ class Observer:
             name: axis.mechanism for stage in self.rig.controllers.values() for name, axis in stage.axes.items()
         }
         self._homed: set[str] = set()
+        self._went_back = False
         self._ends = threading.Event()
         self._thread = threading.Thread(target=self._watch, name="observer", daemon=True)
 
@@ -225,11 +226,12 @@ class Observer:
         all_homed = self._homed == set(self.mechanisms)
         if self.phase == "approach":
             return moves and all_homed and self.begun == 0
-        inserts = self.begun > 2 and self.rig.positions()["z"] > GAP_UM + 20
+        inserts = self.begun > 2 and self.rig.positions()["z"] > GAP_UM + 60
         if self.phase == "insertion":
             return moves and inserts
         if self.jammed_ns is None and inserts and "z" in moving:
             self.jammed_ns = time.monotonic_ns()
             physics: Jam = self.rig.physics  # type: ignore[assignment]
             physics.step(1500.0)
-        return self.jammed_ns is not None and goes_back
+        self._went_back = self._went_back or (self.jammed_ns is not None and goes_back)
+        return self._went_back and moves

@@ -203,18 +203,30 @@ class SupervisedRig:
         """Wait until the period ends, see that all axes arrived before, and return how they are."""
         deadline_ns = self.pacer.deadline_ns(duration_ns)
         self._alive_until_ns = deadline_ns + duration_ns + GRACE_NS
-        early_ns = 3 * self._asking_takes_ns // 2 + 2_000_000
-        while (left_ns := deadline_ns - early_ns - time.monotonic_ns()) > 0 and not self._tripped:
-            self._sleep(left_ns * 1e-9)
+        asks_at_ns = deadline_ns - 3 * self._asking_takes_ns // 2 - 2_000_000
+        is_late = time.monotonic_ns() > deadline_ns
+        if is_late:  # the loop is: axes cannot have arrived yet
+            self._end_pace(duration_ns)
+            asks_at_ns = time.monotonic_ns() + duration_ns
+        while (left_ns := asks_at_ns - time.monotonic_ns()) > 0 and not self._tripped:
+            self._sleep(min(left_ns * 1e-9, 0.005) if is_late else left_ns * 1e-9)
+            if is_late and not any(state.moving for state in self._ask().values()):
+                break
         states = self._ask()
         self._check_arrival(states)
+        if not is_late:
+            self._end_pace(duration_ns)
+        self._check()
+        return states
+
+    def _end_pace(self, duration_ns: int) -> None:
+        """Wait until the period ends; one that is over already may trip."""
         try:
             self.pacer.wait(duration_ns)
         except MissedDeadlineError as error:
             fault, cure = str(error).split("; ", 1)
             self.watch.trip(Trip(LOOP, fault, cure))
         self._check()
-        return states
 
     def feel(self) -> ForceReading:
         """Return the last reading of the force, which can be trusted; the guards have seen it."""
@@ -298,7 +310,8 @@ class SupervisedRig:
         """Ask all controllers how their axes are, and note how long that takes: periods have to leave time for it."""
         began_ns = time.monotonic_ns()
         states = self._call(self.rig.state)
-        self._asking_takes_ns = time.monotonic_ns() - began_ns
+        # The longest of late: a controller may be asked for more when its axes have come to rest.
+        self._asking_takes_ns = max(time.monotonic_ns() - began_ns, 19 * self._asking_takes_ns // 20)
         return states
 
     def _call(self, ask: Callable[[], Result]) -> Result:
