@@ -70,12 +70,22 @@ def killed(rig_name: str, phase: str, generator: np.random.Generator) -> Death:
             path = experiment(rig_name, folder, rig)
             axes = {name: axis for stage in rig.controllers.values() for name, axis in stage.axes.items()}
             mechanisms = {name: axis.mechanism for name, axis in axes.items()}
-            command = [sys.executable, "-m", "neurorobo.cli.main", "run", str(path), "--arm", "--out", str(folder / "run")]
+            command = [
+                sys.executable,
+                "-m",
+                "neurorobo.cli.main",
+                "run",
+                str(path),
+                "--arm",
+                "--out",
+                str(folder / "run"),
+            ]
             with (folder / "log").open("w") as log:
                 process = subprocess.Popen(command, stdout=log, stderr=log)
                 try:
                     _wait_for(phase, rig.positions, mechanisms, process)
-                    time.sleep(generator.uniform(0.0, 1.0))
+                    after_s = generator.uniform(0.0, 1.0)
+                    time.sleep(after_s)
                 finally:
                     process.kill()
                     process.wait()
@@ -96,7 +106,7 @@ def killed(rig_name: str, phase: str, generator: np.random.Generator) -> Death:
                 name: round(abs(mechanism.position - before[name]) * axes[name].um_per_count, 2)
                 for name, mechanism in mechanisms.items()
             }
-    return Death(rig_name, phase, 0.0, travelled_um, commands, longest_um(rig_name, phase), rests)
+    return Death(rig_name, phase, round(after_s, 3), travelled_um, commands, longest_um(rig_name, phase), rests)
 
 
 def _wait_for(phase: str, positions: Any, mechanisms: dict[str, Mechanism], process: subprocess.Popen[bytes]) -> None:
@@ -130,9 +140,16 @@ def main() -> int:
         told = "; ".join(death.misses()) or "ok"
         print(f"{death.rig:12}{death.phase:11}{ways}  (one command: {death.longest_um:.0f} um at most)  {told}")
     missed = sum(bool(death.misses()) for death in found)
-    largest = {phase: max((max(d.travelled_um.values()) for d in found if d.phase == phase), default=0.0) for phase in ("starting", "inserting")}
+    largest = {
+        phase: max((max(d.travelled_um.values()) for d in found if d.phase == phase), default=0.0)
+        for phase in ("starting", "inserting")
+    }
     print(f"{len(found)} processes killed, {missed} missed; the farthest way after death, in um: {largest}")
-    content = {"machine": machine(), "farthest_um": largest, "deaths": [{**vars(d), "misses": d.misses()} for d in found]}
+    content = {
+        "machine": machine(),
+        "farthest_um": largest,
+        "deaths": [{**vars(d), "misses": d.misses()} for d in found],
+    }
     arguments.out.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
     return int(bool(missed))
 

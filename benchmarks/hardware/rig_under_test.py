@@ -58,8 +58,11 @@ def rig_config(name: str, folder: Path, *, as_shipped: bool = False) -> RigConfi
     return load_rig(path).model_copy(update={"emulate": Emulation.model_construct(physics=physics)})
 
 
-def experiment(name: str, folder: Path, rig: EmulatedRig, *, as_shipped: bool = False) -> Path:
-    """Write rig file and experiment of a rig that is emulated, and return the latter."""
+def experiment(name: str, folder: Path, rig: EmulatedRig, *, as_shipped: bool = False, overrun: str = "skip") -> Path:
+    """Write rig file and experiment of a rig that is emulated, and return the latter.
+
+    A busy machine is late at times; by default that is no fault.
+    """
     rig_path, path = folder / "rig.yaml", folder / "experiment.yaml"
     rig_path.write_text(rig.config.model_copy(update={"emulate": None}).dump(), encoding="utf-8")
     is_slow = as_shipped and name == "shot_ds102"
@@ -84,7 +87,7 @@ body:
   safety:
     force: {{stop: {STOP_MN} mN, latch: {LATCH_MN} mN, rate: 20 N/s, age: 50 ms}}
     axial_force: {{stop: {AXIAL_STOP_MN} mN, latch: {AXIAL_LATCH_MN} mN}}
-  overrun: stop
+  overrun: {overrun}
 task: precision.insertion
 regions:
   trapezoid: {{type: precision.trapezoid, max_speed: {speed}, max_acceleration: 1 mm/s^2}}
@@ -157,8 +160,8 @@ class Observer:
     """Looks at all mechanisms every ms, in a thread, and throws a switch when a phase is reached.
 
     ``axes`` are those whose motion it waits for, ``begun`` the periods that the loop has begun; ``moved`` keeps, for
-    each look, its time, the axes that moved, and the axial position and whether it went back. ``longest_pause_ms`` is how long the whole
-    process got no processor at worst, as far as one thread can tell.
+    each look, its time, the axes that moved, the axial position and whether it went back. ``longest_pause_ms`` is how
+    long this process got no processor at worst, as far as one thread can tell.
     """
 
     rig: EmulatedRig

@@ -17,8 +17,8 @@ class EmulatedRig:
     """The devices of a rig as emulators, from ``with`` to its end.
 
     ``controllers`` and ``sensor`` are the emulated devices, whose ``emulator`` has fault switches; ``box`` is that of
-    the sensor. ``config`` is the rig at their addresses, ``physics`` what the sensor feels. ``fault`` is what is wrong with the physics, if it failed: the
-    sensor feels what it felt last from then on.
+    the sensor. ``config`` is the rig at their addresses, ``physics`` what the sensor feels. ``fault`` is what is wrong
+    with the physics, if it failed: the sensor feels what it felt last from then on.
     """
 
     def __init__(self, config: RigConfig) -> None:

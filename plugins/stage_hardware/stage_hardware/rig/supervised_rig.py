@@ -151,7 +151,7 @@ class SupervisedRig:
         self.machine.disarm()
 
     def halt(self) -> None:
-        """Stop all axes, and see that they stand; a SafetyError if they do not, or were stopped for a reason not told."""
+        """Stop all axes, and see that they stand; a SafetyError if they do not, or were stopped and nobody told why."""
         self._alive_until_ns = None
         if self._is_open and self._tripped and not self._was_reported:
             raise self._stopped()
