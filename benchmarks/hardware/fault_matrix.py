@@ -1,6 +1,6 @@
 """Every fault that an emulated rig can be told to have, in every phase of an insertion, on both rigs of the examples.
 
-Run ``python benchmarks/hardware/fault_matrix.py`` (a quarter of an hour on two cores; ``--only TEXT`` for the cases
+Run ``python benchmarks/hardware/fault_matrix.py`` (a quarter of an hour on two cores; ``--only TEXT`` for cases
 whose names contain it). Each case is ``run_experiment`` with the body ``precision.hardware_rig`` on emulated
 controllers (:mod:`rig_under_test`), a fault that is thrown when a phase is reached, by an observer of the mechanisms,
 and a judge:
@@ -66,7 +66,7 @@ from machine import machine
 FILE = Path(__file__).with_suffix(".json")
 RIGS = tuple(PERIODS)
 PHASES = ("homing", "approach", "insertion", "retraction")
-WITHIN_S = 60.0
+WITHIN_S = 90.0
 """A case that takes longer hangs."""
 
 PAUSE_MS, REPEATS = 15.0, 3
@@ -112,7 +112,7 @@ def _hits_limit(emulator: Any, mechanism: Any) -> None:
 
 
 def _slows(emulator: Any, mechanism: Any) -> None:
-    mechanism.slowness = 300.0
+    mechanism.slowness = 3000.0
     if (ahead := mechanism.destination) != mechanism.position:  # also the motion that is under way
         homing = mechanism._homing
         mechanism.home() if homing else mechanism.move_to(ahead - mechanism.zero)
@@ -224,13 +224,14 @@ def cases() -> Iterator[Case]:
 def judged(case: Case) -> dict[str, Any]:
     """Run a case, and return what became of it; ``failures`` is empty if that is as it must be.
 
-    One that fails while this process got no processor for longer than :data:`PAUSE_MS` is run again, and counted in
-    ``repeated``: guards trip on such a pause, as they must.
+    One that fails while this process got no processor for longer than :data:`PAUSE_MS`, or that missed a deadline
+    before its fault was thrown, is run again, and counted in ``repeated``: guards trip on such a pause, as they must.
     """
     for repeated in range(REPEATS + 1):
         with tempfile.TemporaryDirectory() as folder:
             outcome = {**_Run(case, Path(folder)).outcome(), "repeated": repeated}
-        if not outcome["failures"] or outcome["longest_pause_ms"] < PAUSE_MS:
+        late = "the phase was not reached" in outcome["failures"] and "late" in (outcome.get("error") or "")
+        if not outcome["failures"] or (outcome["longest_pause_ms"] < PAUSE_MS and not late):
             break
     return outcome
 
@@ -249,7 +250,8 @@ class _Run:
         ports = _ports()
         with emulated(config, as_shipped=case.as_shipped) as rig:
             self.rig, self.physics = rig, _jam(rig)
-            path = experiment(case.rig, self.folder, rig, as_shipped=case.as_shipped)
+            overrun = "stop" if case.fault == "missed deadline" else "skip"
+            path = experiment(case.rig, self.folder, rig, as_shipped=case.as_shipped, overrun=overrun)
             observer = self.observer = Observer(rig, case.phase, self._axes(), self._inject)
             threads = set(threading.enumerate())
             with observer:
@@ -272,6 +274,8 @@ class _Run:
             jam, (throw, _) = self.physics, LOAD[case.fault]
             upwards = self.rig.controllers[AXIAL_CONTROLLER[case.rig]].axes["z"].mechanism.velocity > 0
             throw(jam, 1 if upwards else -1)
+            if case.fault == "rises too fast" and case.phase == "retraction":
+                jam.rise(40_000.0, 2 * STOP_MN)  # faster than it falls on the way
             return
         if case.device == "force_sensor":
             SENSOR[case.fault][0](self.rig.box)

@@ -40,13 +40,13 @@ class Jam:
         self._config, self._axis = config, config.axes[0]
         self.felt: list[Load] = []
         self._place = self._depth = 0.0
-        self._step = (0.0, 0.0, 0.0)  # radial, axial, the depth at which it is so large
+        self._steps: tuple[tuple[float, float, float], ...] = ()  # radial, axial, the depth at which they are so large
         self._rise = (0.0, 0.0, 0.0)  # per s, at most, since
         self._hard = (0.0, 1, 0.0)  # stiffness, direction, from where
 
     def step(self, radial_mN: float, axial_mN: float = 0.0) -> None:
         """Let a load be there at once."""
-        self._step = radial_mN, axial_mN, self._depth
+        self._steps = (*self._steps, (radial_mN, axial_mN, self._depth))
 
     def rise(self, mN_s: float, most_mN: float) -> None:
         """Let a load grow from now on."""
@@ -59,21 +59,21 @@ class Jam:
     @property
     def slopes_mN_um(self) -> tuple[float, float]:
         """How fast the load across and that along the insertion can rise with the way, from now on."""
-        radial_mN, axial_mN, full_depth = self._step
-        steps = (radial_mN / full_depth, axial_mN / full_depth) if full_depth else (0.0, 0.0)
-        return self._config.lateral_mN_um + steps[0] + self._hard[0], self._config.axial_mN_um + steps[1]
+        radial = sum(radial_mN / depth for radial_mN, _, depth in self._steps if depth)
+        axial = sum(axial_mN / depth for _, axial_mN, depth in self._steps if depth)
+        return self._config.lateral_mN_um + radial + self._hard[0], self._config.axial_mN_um + axial
 
     def wrench(self, positions: Mapping[str, float]) -> Wrench:
         """Return the load, and keep it."""
         self._place = positions[self._axis]
         self._depth = depth = max(0.0, self._place - self._config.at)
-        radial_mN, axial_mN, full_depth = self._step
-        share = depth / full_depth if full_depth else 1.0
+        radial_mN, axial_mN = self._config.lateral_mN_um * depth, self._config.axial_mN_um * depth
+        for step_mN, axial_step_mN, full_depth in self._steps:
+            share = depth / full_depth if full_depth else 1.0
+            radial_mN, axial_mN = radial_mN + share * step_mN, axial_mN + share * axial_step_mN
         mN_s, most_mN, since_s = self._rise
         mN_um, direction, begins = self._hard
-        radial_mN = radial_mN * share + self._config.lateral_mN_um * depth
         radial_mN += min(most_mN, mN_s * (time.monotonic() - since_s)) if mN_s else 0.0
         radial_mN += mN_um * max(0.0, direction * (self._place - begins))
-        axial_mN = axial_mN * share + self._config.axial_mN_um * depth
         self.felt.append(Load(time.monotonic_ns(), math.fabs(radial_mN), math.fabs(axial_mN)))
         return radial_mN, 0.0, axial_mN, 0.0, 0.0, 0.0

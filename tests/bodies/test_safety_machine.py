@@ -85,7 +85,7 @@ def test_a_latch_outlives_the_process_until_somebody_removes_it(tmp_path: Path) 
     subprocess.run([sys.executable, "-c", code, str(path)], check=True, timeout=60)
     machine = SafetyMachine(Latch(path))
     assert machine.state is SafetyState.LATCHED
-    with pytest.raises(SafetyError, match="latched: force: far too much.*remove"):
+    with pytest.raises(SafetyError, match=r"latched: force: far too much.*remove"):
         machine.arm()
     Latch(path).clear()
     SafetyMachine(Latch(path)).arm()

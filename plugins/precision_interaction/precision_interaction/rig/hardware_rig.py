@@ -159,7 +159,7 @@ class HardwareRig(InsertionBody):
             axial=config.axial,
             retracts=config.retraction.distance,
             retracts_by=config.retraction.step,
-            load=lambda reading: math.hypot(*(reading.values[name] for name in config.force)),
+            load=lambda reading: math.hypot(*(reading.values[name] for name in (*config.force, config.axial_force))),
         )
 
     def _check(self, rig_config: RigConfig) -> None:

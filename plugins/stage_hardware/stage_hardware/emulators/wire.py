@@ -94,7 +94,7 @@ class Wire(ABC):
         if self.faults.take("late_reply"):
             self._ends.wait(self.faults.late_s)
         if self.faults.take("garbled_reply"):
-            reply = bytes([reply[0] ^ 0x15]) + reply[1:]
+            reply = bytes([reply[0] ^ 0x40]) + reply[1:]  # a digit becomes a letter, never another digit
         if self.faults.take("wrong_terminator"):
             reply = reply.rstrip(b"\r\n") + b";"
         if self.faults.take("split_reply"):

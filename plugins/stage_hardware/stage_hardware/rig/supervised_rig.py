@@ -151,7 +151,7 @@ class SupervisedRig:
         self.machine.disarm()
 
     def halt(self) -> None:
-        """Stop all axes, and see that they stand; a SafetyError if they do not, or for a reason that was not told."""
+        """Stop all axes, and see that they stand; a SafetyError if they do not, or were stopped and nobody told why."""
         self._alive_until_ns = None
         if self._is_open and self._tripped and not self._was_reported:
             raise self._stopped()
@@ -223,19 +223,28 @@ class SupervisedRig:
         """Wait until the period ends, see that all axes arrived before, and return how they are."""
         deadline_ns = self.pacer.deadline_ns(duration_ns)
         self._alive_until_ns = deadline_ns + duration_ns + GRACE_NS
+        is_late = time.monotonic_ns() > deadline_ns
+        if is_late:  # the loop is, so that axes cannot have arrived yet: they have another period
+            self._end_pace(duration_ns)
+            deadline_ns = time.monotonic_ns() + duration_ns
         if (left_ns := min(self._arrive_ns, deadline_ns) - time.monotonic_ns()) > 0:
             self._sleep(left_ns * 1e-9)
         states = self._ask()
         while any(state.moving for state in states.values()) and self._is_time_to_ask(deadline_ns):
             states = self._ask()
         self._check_arrival(states, self.path[-1])
+        if not is_late:
+            self._end_pace(duration_ns)
+        return states
+
+    def _end_pace(self, duration_ns: int) -> None:
+        """Wait until the period ends; one that is over already may trip."""
         try:
             self.pacer.wait(duration_ns)
         except MissedDeadlineError as error:
             fault, cure = str(error).split("; ", 1)
             self.watch.trip(Trip(LOOP, fault, cure))
         self._check()
-        return states
 
     def feel(self) -> ForceReading:
         """Return the last reading of the force, which can be trusted; the guards have seen it."""
@@ -339,7 +348,8 @@ class SupervisedRig:
         """Ask all controllers how their axes are, and note how long that takes: periods have to leave time for it."""
         began_ns = time.monotonic_ns()
         states = self._call(self.rig.state)
-        self._asking_takes_ns = time.monotonic_ns() - began_ns
+        # The longest of late: a controller may be asked for more when its axes have come to rest.
+        self._asking_takes_ns = max(time.monotonic_ns() - began_ns, 19 * self._asking_takes_ns // 20)
         return states
 
     def _call(self, ask: Callable[[], Result]) -> Result:

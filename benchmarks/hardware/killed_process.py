@@ -1,0 +1,158 @@
+"""What becomes of a rig whose controlling process is killed (SIGKILL) at a random moment.
+
+Run ``python benchmarks/hardware/killed_process.py`` (four minutes). The emulated rigs live in this process; another one
+runs ``neurorobo run ... --arm`` on them and is killed at moments from a seeded generator, half of them while it homes
+or goes to the start, half while it inserts. Nothing stops the controllers then. What holds is that a command is
+absolute and bounded: at most one is under way, or on the wire, for each axis, and the axis comes to rest at its target.
+Reported is how far each axis went after the death of the process, and the longest way that one command has; the search
+for an origin is one command too, and the longest. Nothing here is a device.
+"""
+
+import argparse
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rig_under_test import GAP_UM, PERIODS, SPEEDS, emulated, experiment, rig_config
+from stage_hardware.emulators.mechanism import Mechanism
+
+sys.path.append(str(Path(__file__).resolve().parents[1]))
+
+from machine import machine
+
+FILE = Path(__file__).with_suffix(".json")
+MOMENTS = 20
+RESTS_WITHIN_S = 10.0
+ON_THE_WIRE_S = 0.3
+"""Within which what the process has still written has come to the controller."""
+
+
+@dataclass(frozen=True)
+class Death:
+    """How far axes went after a process was killed: ``travelled_um`` by axis, ``commands`` that they obeyed since."""
+
+    rig: str
+    phase: str
+    after_s: float
+    travelled_um: dict[str, float]
+    commands: dict[str, int]
+    longest_um: float
+    rests: bool
+
+    def misses(self) -> list[str]:
+        """Return what is not as wanted."""
+        found = [f"{axis} obeyed {count} commands" for axis, count in self.commands.items() if count > 1]
+        if not self.rests:
+            found.append("something moves still")
+        found += [f"{axis} went {way:.0f} um" for axis, way in self.travelled_um.items() if way > self.longest_um + 0.5]
+        return found
+
+
+def longest_um(rig: str, phase: str) -> float:
+    """Return the longest way of one command: to an origin, to the start, or of a period."""
+    if phase == "inserting":
+        period_s, speed_um_s = float(PERIODS[rig].split()[0]) * 1e-3, float(SPEEDS[rig].split()[0])
+        return max(25.0, period_s * speed_um_s)
+    return 800.0  # a search for an origin: as far as the axis is away from it; moves to the start have 500 um at most
+
+
+def killed(rig_name: str, phase: str, generator: np.random.Generator) -> Death:
+    """Kill a process at a random moment of a phase, and return what the axes did."""
+    with tempfile.TemporaryDirectory() as made:
+        folder = Path(made)
+        with emulated(rig_config(rig_name, folder)) as rig:
+            path = experiment(rig_name, folder, rig)
+            axes = {name: axis for stage in rig.controllers.values() for name, axis in stage.axes.items()}
+            mechanisms = {name: axis.mechanism for name, axis in axes.items()}
+            command = [
+                sys.executable,
+                "-m",
+                "neurorobo.cli.main",
+                "run",
+                str(path),
+                "--arm",
+                "--out",
+                str(folder / "run"),
+            ]
+            with (folder / "log").open("w") as log:
+                process = subprocess.Popen(command, stdout=log, stderr=log)
+                try:
+                    _wait_for(phase, rig.positions, mechanisms, process)
+                    after_s = generator.uniform(0.0, 1.0)
+                    time.sleep(after_s)
+                finally:
+                    process.kill()
+                    process.wait()
+            died_s = time.monotonic()
+            before = {name: mechanism.position for name, mechanism in mechanisms.items()}
+            heading = {name: mechanism.destination for name, mechanism in mechanisms.items()}
+            moving = {name: heading[name] != before[name] for name in mechanisms}
+            commands = {name: int(moving[name]) for name in mechanisms}
+            while time.monotonic() < died_s + RESTS_WITHIN_S:
+                time.sleep(0.002)
+                for name, mechanism in mechanisms.items():
+                    if abs((there := mechanism.destination) - heading[name]) > 1e-6:
+                        heading[name], commands[name] = there, commands[name] + 1
+                if time.monotonic() > died_s + ON_THE_WIRE_S and not any(one.moving for one in mechanisms.values()):
+                    break
+            rests = not any(mechanism.moving for mechanism in mechanisms.values())
+            travelled_um = {
+                name: round(abs(mechanism.position - before[name]) * axes[name].um_per_count, 2)
+                for name, mechanism in mechanisms.items()
+            }
+    return Death(rig_name, phase, round(after_s, 3), travelled_um, commands, longest_um(rig_name, phase), rests)
+
+
+def _wait_for(phase: str, positions: Any, mechanisms: dict[str, Mechanism], process: subprocess.Popen[bytes]) -> None:
+    """Wait until the process does what it is to be killed at; a RuntimeError if it ends before."""
+    while True:
+        moves = any(mechanism.moving for mechanism in mechanisms.values())
+        if moves and (phase == "starting" or (positions()["z"] > GAP_UM and mechanisms["z"].velocity > 0)):
+            return
+        if process.poll() is not None:
+            raise RuntimeError("it ended before it could be killed")
+        time.sleep(0.002)
+
+
+def deaths(moments: int, seed: int) -> list[Death]:
+    """Return what became of so many killed processes."""
+    generator = np.random.default_rng(seed)
+    rigs, phases = tuple(PERIODS), ("starting", "inserting")
+    return [killed(rigs[index % 2], phases[index // 2 % 2], generator) for index in range(moments)]
+
+
+def main() -> int:
+    """Kill some processes, and tell how far the axes went."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--moments", type=int, default=MOMENTS, help="how many processes are killed")
+    parser.add_argument("--seed", type=int, default=0, help="of the moments")
+    parser.add_argument("--out", type=Path, default=FILE, help="where to write all")
+    arguments = parser.parse_args()
+    found = deaths(arguments.moments, arguments.seed)
+    for death in found:
+        ways = ", ".join(f"{axis} {way:6.1f} um" for axis, way in death.travelled_um.items())
+        told = "; ".join(death.misses()) or "ok"
+        print(f"{death.rig:12}{death.phase:11}{ways}  (one command: {death.longest_um:.0f} um at most)  {told}")
+    missed = sum(bool(death.misses()) for death in found)
+    largest = {
+        phase: max((max(d.travelled_um.values()) for d in found if d.phase == phase), default=0.0)
+        for phase in ("starting", "inserting")
+    }
+    print(f"{len(found)} processes killed, {missed} missed; the farthest way after death, in um: {largest}")
+    content = {
+        "machine": machine(),
+        "farthest_um": largest,
+        "deaths": [{**vars(d), "misses": d.misses()} for d in found],
+    }
+    arguments.out.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+    return int(bool(missed))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
