@@ -12,6 +12,8 @@ BIN := .venv/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 PLUGINS := $(wildcard plugins/*/pyproject.toml)
 TEMPLATES := region neuron code rule body command
+# The tests in which C code runs: under the sanitizers all others would only be slow.
+NATIVE := $(addprefix tests/,engine experiment graph interchange learning measures neurons plasticity regions test_examples.py)
 SANITIZERS := -fsanitize=address,undefined -fno-sanitize-recover=all -fno-omit-frame-pointer
 
 .DEFAULT_GOAL := help
@@ -30,12 +32,12 @@ test: .venv/.installed-dev ## set up, then run the tests
 	$(BIN)/pytest
 
 # The second library is for the exceptions that torch throws and catches. What Python leaks is not of interest.
-sanitize: .venv/.installed-dev ## run the tests with the C code under the address and undefined-behaviour sanitizers
+sanitize: .venv/.installed-dev ## run the tests that use the C code under the address and undefined-behaviour sanitizers
 	rm -rf build/sanitized
 	CC='$(CC)' CFLAGS='$(SANITIZERS)' LDFLAGS='$(SANITIZERS)' $(BIN)/python setup.py --quiet build_ext \
 	  --build-temp build/sanitized/objects --build-lib build/sanitized
 	LD_PRELOAD="$$($(CC) -print-file-name=libasan.so) $$($(CC) -print-file-name=libstdc++.so)" ASAN_OPTIONS=detect_leaks=0 \
-	  NEUROROBO_LIBRARIES='$(CURDIR)/build/sanitized/neurorobo/engine' NEUROROBO_ENGINE=native NEUROROBO_FUZZ=100 $(BIN)/pytest
+	  NEUROROBO_LIBRARIES='$(CURDIR)/build/sanitized/neurorobo/engine' NEUROROBO_ENGINE=native NEUROROBO_FUZZ=100 $(BIN)/pytest $(NATIVE)
 
 check: .venv/.installed-dev ## lint, types (also of what `neurorobo new` makes), layers, schema, examples and documentation
 	$(BIN)/ruff check
