@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from precision_interaction import plugin as precision_interaction
 from stage_hardware import plugin
 from stage_hardware.rig.rig_config import RigConfig, load_rig
 
@@ -99,6 +100,7 @@ WALL = {"physics": {"type": "stages.wall", "axes": ["x"], "at": "1 mm", "stiffne
 def registry() -> Registry:
     found = Registry()
     found.add_plugin("stages", plugin)
+    found.add_plugin("precision", precision_interaction)  # the contact of the examples
     return found
 
 

@@ -24,7 +24,7 @@ DEVICES = (
 
 @hookimpl
 def neurorobo_register(registry: Registrar) -> None:
-    """Register devices of rig files, what emulated rigs feel, and the command that emulates them."""
+    """Register devices of rig files, what emulated rigs feel, and the commands of rigs."""
     for name, target, summary in DEVICES:
         registry.add("device", f"stages.{name}", f"stage_hardware.rig.devices.{target}", summary)
     registry.add(
@@ -35,4 +35,10 @@ def neurorobo_register(registry: Registrar) -> None:
         "stages.emulate",
         "stage_hardware.rig.emulate_command:emulate",
         "bring up the devices of a rig file as emulators, with contact between them",
+    )
+    registry.add(
+        "command",
+        "stages.rig",
+        "stage_hardware.rig.commissioning.command:rig",
+        "commission a rig: check, home, identify, calibrate; reset one that is latched",
     )

@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any, TypeVar
 
@@ -179,7 +179,43 @@ class SupervisedRig:
                 self.wait_until_at_rest(ways_s / HOMES_AT_LEAST_AT + TURNS_WITHIN_S)
 
     def go_to(self, targets: Mapping[str, float], step: float) -> None:
-        """Bring some axes somewhere in moves of ``step`` at most, and wait until they are there."""
+        """Bring some axes somewhere in moves of ``step`` at most, and wait until they are there: a new way begins."""
+        for states in self._moves(targets, step):
+            reached = states
+        self.path = [self._targets(reached)]
+
+    def go_on_to(self, targets: Mapping[str, float], step: float) -> None:
+        """Bring some axes somewhere as :meth:`go_to` does, as a part of the way."""
+        for states in self._moves(targets, step):
+            self.path.append(self._targets(states))
+
+    def track(
+        self, targets: Mapping[str, float], is_enough: Callable[[float], bool] = lambda _: False
+    ) -> list[tuple[int, float]]:
+        """Send one axis somewhere, and ask until it rests or ``is_enough`` of its position.
+
+        Returns where it was, by its controller's account, and when, in ns of the monotonic clock.
+        """
+        ((axis, target),) = targets.items()
+        stage, frame = self.rig.stages[self.rig.controller_of[axis]], self.rig.frames[axis]
+        began = self._call(self.rig.state)[axis].position
+        track = [(time.monotonic_ns(), began)]
+        self.send(targets)
+        ends = time.monotonic() + 2 * self.rig.axes[axis].moves_for_s(target - began) + 2.0
+        while True:
+            state = self._call(stage.state)
+            if state.fault is not None:
+                self.watch.trip(Trip(stage.name, state.fault, "see to it, then home its axes"))
+            self._check()
+            one = state.axes[axis]
+            track.append((state.time_ns, frame.to_rig(one.position)))
+            if not one.moving or is_enough(track[-1][1]):
+                return track
+            if time.monotonic() > ends:
+                self.watch.trip(Trip(stage.name, f"{axis} still moves after twice its time", "see what slows it down"))
+
+    def _moves(self, targets: Mapping[str, float], step: float) -> Iterator[dict[str, AxisState]]:
+        """Move some axes somewhere, ``step`` at most at a time; yields where they have come to."""
         here = {name: state.position for name, state in self._call(self.rig.state).items()}
         moves = max(1, *(math.ceil(abs(target - here[axis]) / step) for axis, target in targets.items()))
         for i in range(1, moves + 1):
@@ -191,7 +227,7 @@ class SupervisedRig:
             longest_s = max(abs(place[axis] - here[axis]) / self.rig.axes[axis].speed for axis in targets)
             states = self.wait_until_at_rest(2 * longest_s + 2.0)
             self._check_arrival(states, place)
-        self.path = [self._targets(states)]
+            yield states
 
     def withdraw(self, step: float) -> None:
         """Go back along the way that the rig came, to where it set out, in axial moves of ``step`` or so."""

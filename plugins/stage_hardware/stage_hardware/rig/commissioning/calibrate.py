@@ -1,0 +1,152 @@
+"""``neurorobo rig calibrate``: find where episodes begin, and write the rig file and the body that begin there."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from statistics import fmean
+from typing import Any
+
+from neurorobo.config import document
+from neurorobo.errors import NeuroroboError
+from neurorobo.files import write_whole
+from neurorobo.units import UnitError, format_quantity, parse_quantity
+from stage_hardware.rig.commissioning.dialogue import Dialogue
+from stage_hardware.rig.commissioning.home import home_again
+from stage_hardware.rig.commissioning.identify import Touch
+from stage_hardware.rig.commissioning.moves import GAPS, Moves
+from stage_hardware.rig.commissioning.record import Calibrate, Commissioning, Identify
+from stage_hardware.rig.rig_config import RigConfig
+
+MARK = "# Written by `neurorobo rig calibrate`"
+BODY_HEAD = f"""{MARK}: what stands under `body:` of an experiment. The loads follow from the `--limit` of the
+# commissioning, `age` from the slowest readings: see what your parts bear, and what your task needs, before you use it.
+"""
+JOG = "where peg and hole are in line? Jog, such as `x 10 um`, or press Enter if they are"
+
+
+def calibrate(
+    commissioning: Commissioning,
+    dialogue: Dialogue,
+    limit_mN: float,
+    touch: Touch,
+    *,
+    times: int,
+    clearance_um: float,
+    out: Path,
+) -> None:
+    """Go to the start, jog, touch several times, and write the rig whose start is ``clearance_um`` before contact.
+
+    Raises a DeclinedError where a person does not agree, and a SafetyError if something stops the rig.
+    """
+    commissioning.require("identify")
+    config = commissioning.config
+    body_file = out.with_suffix(".body.yaml")
+    for file in (out, body_file):
+        refuse_to_replace(file)
+    with Moves(commissioning, dialogue, limit_mN, along=touch.axis) as moves:
+        home_again(commissioning, moves)
+        moves.ask("go to where episodes begin, by the rig file? The touching axis goes last.")
+        moves.go_to({axis: 0.0 for axis in moves.axes if axis != touch.axis})
+        moves.go_to({touch.axis: 0.0})
+        _jog(moves, dialogue)
+        here_um = moves.positions_um()
+        moves.ask(
+            f"move {touch.axis} on until the load is {touch.load_mN:.4g} mN, by {touch.within_um:g} um at most, "
+            f"{times} times?"
+        )
+        touches_um = []
+        for _ in range(times):
+            at_um = moves.touch(touch.axis, touch.load_mN, touch.within_um, touch.step_um)
+            if at_um is None:
+                raise NeuroroboError(
+                    f"{touch.axis}: nothing was touched within {touch.within_um:g} um; let it look further (`--within`)"
+                )
+            dialogue.say(f"{touch.axis}: contact at {at_um:g} um")
+            touches_um.append(at_um)
+            moves.go_to({touch.axis: here_um[touch.axis]})
+    begins_um = {**here_um, touch.axis: fmean(touches_um) - clearance_um}
+    start_um = {axis: config.frames[axis].to_axis(position) for axis, position in begins_um.items()}
+    commissioning.record.calibrate = Calibrate(start_um=start_um, touches_um=touches_um)
+    commissioning.save()
+    calibrated = _starting_at(config, start_um, out)
+    write_whole(out, f"{MARK} from {commissioning.path}; comments are not carried over.\n{calibrated}".encode())
+    body = document.dump(_body(commissioning, out, limit_mN, touch.axis, clearance_um))
+    write_whole(body_file, f"{BODY_HEAD}{body}".encode())
+    dialogue.say(f"rig file: {out}\nbody of an experiment: {body_file}")
+
+
+def refuse_to_replace(out: Path) -> None:
+    """Refuse to write over anything but what an earlier calibration has left."""
+    if out.exists() and not (out.is_file() and out.read_bytes().startswith(MARK.encode())):
+        raise NeuroroboError(
+            f"{out} exists already and was not written by `neurorobo rig calibrate`; it is left as it is: choose "
+            "another place with `--out`"
+        )
+
+
+def _jog(moves: Moves, dialogue: Dialogue) -> None:
+    """Let a person move axes by distances until they are where they should be."""
+    while answer := moves.answer(JOG).strip():
+        axis, _, distance = answer.partition(" ")
+        try:
+            if axis not in moves.axes:
+                raise UnitError(f"there is no axis `{axis}`; there are {', '.join(moves.axes)}")
+            target_um = moves.positions_um()[axis] + parse_quantity(distance.strip(), "um")
+            lo, hi = moves.limits_um(axis)
+            if not lo <= target_um <= hi:
+                raise UnitError(f"{axis} would be at {target_um:g} um, beyond {lo:g}..{hi:g} um")
+        except UnitError as error:
+            dialogue.say(str(error))
+            continue
+        moves.go_to({axis: target_um})
+        dialogue.say(f"{axis}: {moves.positions_um()[axis]:g} um, load {moves.load_mN():.3g} mN")
+
+
+def _starting_at(config: RigConfig, start_um: Mapping[str, float], out: Path) -> str:
+    """Return the rig as YAML, with axes that start elsewhere; a NeuroroboError for one beyond its travel."""
+    controllers = {}
+    for name, controller in config.controllers.items():
+        axes = {}
+        for key, axis in controller.axes.items():
+            if not axis.travel.lo <= start_um[key] <= axis.travel.hi:
+                raise NeuroroboError(
+                    f"{out}: not written, as {key} would start at {start_um[key]:g} um, beyond its travel of "
+                    f"{axis.travel.lo:g}..{axis.travel.hi:g} um; choose a smaller `--clearance`"
+                )
+            axes[key] = axis.model_copy(update={"start": round(start_um[key], 3)})
+        controllers[name] = controller.model_copy(update={"axes": axes})
+    return config.model_copy(update={"controllers": controllers}).dump()
+
+
+def _body(commissioning: Commissioning, out: Path, limit_mN: float, axial: str, clearance_um: float) -> dict[str, Any]:
+    """Return what stands under `body:` of an experiment, as far as it is known."""
+    record = commissioning.record
+    assert record.identify is not None
+    assert record.check is not None
+    found = record.identify
+    radial = [axis for axis in commissioning.config.frames if axis in found.responses and axis != axial]
+    body: dict[str, Any] = {"rig": str(out), "gap": format_quantity(clearance_um, "um"), "axial": axial}
+    if len(radial) == 2:
+        body |= {
+            "radial": radial,
+            "force": [found.responses[axis].component for axis in radial],
+            "force_signs": [-1 if found.responses[axis].stiffness_mN_um > 0 else 1 for axis in radial],
+        }
+    if axial in found.responses:
+        body["axial_force"] = found.responses[axial].component
+    age_ms = max(50, round(GAPS * record.check.sensor_gap_ms))
+    limits = {"stop": limit_mN, "latch": 2 * limit_mN}
+    safety = {name: format_quantity(round(value, 3), "mN") for name, value in limits.items()}
+    safety |= {"rate": format_quantity(round(20 * limit_mN, 3), "mN/s"), "age": f"{age_ms} ms"}
+    free_mN = max(10 * commissioning.noise_mN, limit_mN / 5)
+    body |= {
+        "following_error": format_quantity(_following_error_um(commissioning, found), "um"),
+        "free_force": format_quantity(round(free_mN, 3), "mN"),
+        "safety": {"force": safety},
+    }
+    return body
+
+
+def _following_error_um(commissioning: Commissioning, found: Identify) -> float:
+    """Return three times the largest distance that was seen; four steps, and 1 um, at least."""
+    axes = [axis for one in commissioning.config.controllers.values() for axis in one.axes.values()]
+    return round(max(1.0, *(3 * run.off_um for run in found.axes.values()), *(4 * axis.resolution for axis in axes)), 3)

@@ -1,0 +1,192 @@
+"""Moves of a rig that is being commissioned: supervised, under a limit of the load, each agreed to by a person."""
+
+import time
+from collections.abc import Mapping
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+
+from neurorobo.safety.limits import Limits
+from neurorobo.safety.machine import Latch, SafetyError, SafetyMachine
+from stage_hardware.force_sensor import ForceReading
+from stage_hardware.rig.commissioning.dialogue import Dialogue
+from stage_hardware.rig.commissioning.record import Commissioning, FreeRun, Response
+from stage_hardware.rig.supervised_rig import ForceWatch, SupervisedRig
+
+FOLLOWING_ERROR_UM = 5.0
+RETRACTS_UM, RETRACTS_BY_UM = 200.0, 20.0
+LONGEST_MOVE_UM = 150.0
+"""The longest move on the way somewhere, between two looks at where the axes are."""
+
+FEELS_S = 0.05
+"""How long the force is averaged where an axis rests."""
+
+GAPS = 20
+"""The age of a reading that stops, in longest gaps between two of them as `check` has seen them."""
+
+
+class Moves:
+    """A rig that moves, from ``with`` to its end, which stops it.
+
+    ``limit_mN`` is the largest load, from that at the beginning; ``along`` the axis whose way is gone back after a
+    larger one. Positions are in um and count from where episodes begin. All methods raise a SafetyError for whatever
+    stops the rig.
+    """
+
+    def __init__(self, commissioning: Commissioning, dialogue: Dialogue, limit_mN: float, along: str) -> None:
+        """Prepare it; nothing is connected yet, and a rig that is latched is refused when it is."""
+        assert commissioning.record.check is not None
+        rig, self._dialogue = commissioning.config.build(), dialogue
+        self.axes = rig.axes
+        self.forces = {name: one for name, one in rig.sensor.components.items() if one.unit == "mN"}
+        age_ns = round(max(100.0, GAPS * commissioning.record.check.sensor_gap_ms) * 1e6)
+        self._machine = SafetyMachine(Latch(commissioning.latch))
+        self._rig = SupervisedRig(
+            rig,
+            self._machine,
+            [ForceWatch("load", tuple(self.forces), Limits(stop=limit_mN, age_ns=age_ns))],
+            overrun="skip",
+            following_error=max(FOLLOWING_ERROR_UM, *(10 * axis.resolution for axis in rig.axes.values())),
+            axial=along,
+            retracts=RETRACTS_UM,
+            retracts_by=RETRACTS_BY_UM,
+            load=self._load_mN,
+        )
+
+    def __enter__(self) -> Self:
+        """Arm, connect, and count loads from the present one."""
+        self._machine.arm()
+        self._rig.begin()
+        try:
+            self._rig.bias()
+        except BaseException:
+            self._rig.close()
+            raise
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None) -> None:
+        """Stop, and let go; what the stop has to say is not to hide why it came to it."""
+        try:
+            self._rig.close()
+        except SafetyError:
+            if error is None:
+                raise
+
+    def ask(self, question: str) -> None:
+        """Rest, and raise a DeclinedError unless a person agrees to go on."""
+        self._rig.halt()
+        self._dialogue.require(question)
+        self._rig.begin()
+
+    def answer(self, question: str) -> str:
+        """Rest until a person has answered."""
+        self._rig.halt()
+        answer = self._dialogue.answer(question)
+        self._rig.begin()
+        return answer
+
+    def referenced(self) -> dict[str, bool]:
+        """Return which axes know where they are."""
+        return {axis: state.referenced for axis, state in self._rig.wait_until_at_rest(1.0).items()}
+
+    def positions_um(self) -> dict[str, float]:
+        """Return where the axes are."""
+        return {axis: state.position for axis, state in self._rig.wait_until_at_rest(1.0).items()}
+
+    def limits_um(self, axis: str) -> tuple[float, float]:
+        """Return the ends of the travel of an axis."""
+        return self._rig.rig.limits(axis)
+
+    def home(self, axis: str) -> float:
+        """Let an axis look for its origin, and return how long that took (s)."""
+        began_s = time.monotonic()
+        self._rig.home([[axis]])
+        return time.monotonic() - began_s
+
+    def go_to(self, targets: Mapping[str, float], step_um: float = LONGEST_MOVE_UM) -> None:
+        """Bring axes somewhere, in moves of ``step_um`` at most; after too large a load, they go back along them."""
+        self._rig.go_on_to(targets, step_um)
+
+    def free_run(self, axis: str, target_um: float) -> FreeRun:
+        """Move an axis there and back, and once more half of the way, where it is stopped; it comes back at the end."""
+        start_um = self.positions_um()[axis]
+        way_um = target_um - start_um
+        there = self._rig.track({axis: target_um})
+        back = self._rig.track({axis: start_um})
+        off_um = max(abs(there[-1][1] - target_um), abs(back[-1][1] - start_um))
+        speed_um_s = (_speed_um_s(there) + _speed_um_s(back)) / 2
+        passed = self._rig.track({axis: target_um}, lambda position: abs(position - start_um) > abs(way_um) / 2)
+        seen_ns, seen_um = passed[-1]
+        stopped_ns = time.monotonic_ns()
+        self._rig.halt()
+        stood_ns = time.monotonic_ns()
+        self._rig.begin()
+        direction = 1.0 if way_um > 0 else -1.0
+        was_um = seen_um + direction * speed_um_s * (stopped_ns - seen_ns) * 1e-9
+        runs_on_um = max(0.0, direction * (self.positions_um()[axis] - was_um))
+        self.go_to({axis: start_um}, abs(way_um))
+        return FreeRun(
+            speed_um_s=speed_um_s,
+            off_um=off_um,
+            runs_on_um=runs_on_um,
+            stands_after_ms=(stood_ns - stopped_ns) / 1e6,
+        )
+
+    def touch(self, axis: str, load_mN: float, within_um: float, step_um: float) -> float | None:
+        """Move an axis in small steps until the load is as large, and return where; None if it never was."""
+        start_um, at_um = self.positions_um()[axis], 0.0
+        while self.load_mN() < load_mN:
+            if at_um >= within_um:
+                return None
+            at_um = min(at_um + step_um, within_um)
+            self.go_to({axis: start_um + at_um}, step_um)
+        return self.positions_um()[axis]
+
+    def responses(self, axis: str, amplitude_um: float, times: int) -> dict[str, Response]:
+        """Move an axis to and fro about where it is, and return how each component of the force follows it."""
+        middle_um, ways_um, felt_mN = self.positions_um()[axis], list[float](), list[list[float]]()
+        for way_um in [0.0, amplitude_um, 0.0, -amplitude_um] * times + [0.0]:
+            self.go_to({axis: middle_um + way_um}, 2 * amplitude_um)
+            ways_um.append(way_um)
+            felt_mN.append(self._felt_mN())
+        slopes, errors = _lines(np.array(ways_um), np.array(felt_mN))
+        return {
+            name: Response(component=name, stiffness_mN_um=slope, error_mN_um=error)
+            for name, slope, error in zip(self.forces, slopes, errors, strict=True)
+        }
+
+    def load_mN(self) -> float:
+        """Return the load, averaged over a while."""
+        return float(np.linalg.norm(self._felt_mN()))
+
+    def _felt_mN(self) -> list[float]:
+        """Return the mean of each component of the force over :data:`FEELS_S`."""
+        ends_s, readings = time.monotonic() + FEELS_S, dict[int, list[float]]()
+        while time.monotonic() < ends_s or not readings:
+            reading = self._rig.feel()
+            readings[reading.sequence] = [reading.values[name] for name in self.forces]
+            time.sleep(0.001)
+        return [float(mean) for mean in np.mean(list(readings.values()), axis=0)]
+
+    def _load_mN(self, reading: ForceReading) -> float:
+        return float(np.linalg.norm([reading.values[name] for name in self.forces]))
+
+
+def _speed_um_s(track: list[tuple[int, float]]) -> float:
+    """Return the speed in the middle of a move, by a line through where the axis was seen; of few looks, on average."""
+    times_s = np.array([time_ns for time_ns, _ in track]) * 1e-9
+    ways_um = np.abs(np.array([position for _, position in track]) - track[0][1])
+    middle = (ways_um > 0.15 * ways_um[-1]) & (ways_um < 0.85 * ways_um[-1])
+    if middle.sum() >= 3:
+        return float(np.polyfit(times_s[middle] - times_s[0], ways_um[middle], 1)[0])
+    return float(ways_um[-1] / (times_s[-1] - times_s[0]))
+
+
+def _lines(x: np.ndarray, y: np.ndarray) -> tuple[list[float], list[float]]:
+    """Return slopes of columns ``y`` (n, m) over ``x`` (n,), and their standard errors, by least squares."""
+    x, centred = x - x.mean(), y - y.mean(axis=0)
+    slopes = x @ centred / (x @ x)
+    residual = centred - np.outer(x, slopes)
+    errors = np.sqrt((residual**2).sum(axis=0) / (len(x) - 2) / (x @ x))
+    return slopes.tolist(), errors.tolist()
