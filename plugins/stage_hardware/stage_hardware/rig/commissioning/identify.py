@@ -11,7 +11,7 @@ from stage_hardware.rig.commissioning.record import Commissioning, FreeRun, Iden
 
 SPEED_MAY_DIFFER_BY = 0.1
 IS_FELT = 5.0
-"""A slope of as many standard errors is none of noise."""
+"""A slope that exceeds its error as many times is none of noise."""
 
 
 @dataclass(frozen=True)
@@ -102,7 +102,7 @@ def _feel(
 def _assigned(felt: Mapping[str, Mapping[str, Response]]) -> dict[str, Response]:
     """Return for each axis the component that follows it, each component once, the clearest first."""
     pairs = sorted(
-        (abs(one.stiffness_mN_um) / (one.error_mN_um or 1e-12), axis, component)
+        (abs(one.stiffness_mN_um) / one.error_mN_um, axis, component)
         for axis, components in felt.items()
         for component, one in components.items()
         if abs(one.stiffness_mN_um) > IS_FELT * one.error_mN_um
@@ -131,5 +131,5 @@ def _tell_response(dialogue: Dialogue, axis: str, response: Response | None) -> 
         return
     dialogue.say(
         f"{axis}: {response.component} follows it with {response.stiffness_mN_um:.3g} mN/um "
-        f"(standard error {response.error_mN_um:.2g})"
+        f"(+- {response.error_mN_um:.2g})"
     )

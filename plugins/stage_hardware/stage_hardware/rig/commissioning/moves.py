@@ -152,8 +152,12 @@ class Moves:
             felt_mN.append(self._felt_mN())
         slopes, errors = _lines(np.array(ways_um), np.array(felt_mN))
         return {
-            name: Response(component=name, stiffness_mN_um=slope, error_mN_um=error)
-            for name, slope, error in zip(self.forces, slopes, errors, strict=True)
+            name: Response(
+                component=name,
+                stiffness_mN_um=slope,
+                error_mN_um=error + component.resolution / (2 * amplitude_um),  # steps do not average out without noise
+            )
+            for (name, component), slope, error in zip(self.forces.items(), slopes, errors, strict=True)
         }
 
     def load_mN(self) -> float:

@@ -56,7 +56,10 @@ class FreeRun(_Strict):
 
 
 class Response(_Strict):
-    """How a component of the force follows an axis, in contact: mN/um, with the standard error."""
+    """How a component of the force follows an axis, in contact: mN/um.
+
+    The error is the standard error, and what steps of the sensor may add to it.
+    """
 
     component: str
     stiffness_mN_um: Figure
