@@ -13,7 +13,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check
 PLUGINS := $(wildcard plugins/*/pyproject.toml)
 TEMPLATES := region neuron code rule body command
 # The tests in which C code runs: under the sanitizers all others would only be slow.
-NATIVE := $(addprefix tests/,engine experiment graph interchange learning measures neurons plasticity regions test_examples.py)
+NATIVE := $(addprefix tests/,engine experiment graph interchange learning measures neurons plasticity regions)
 SANITIZERS := -fsanitize=address,undefined -fno-sanitize-recover=all -fno-omit-frame-pointer
 
 .DEFAULT_GOAL := help
