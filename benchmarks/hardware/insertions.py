@@ -1,8 +1,9 @@
 """Insertions on virtual rigs, over their wire protocols, beside the same brain on the simulated body.
 
-Run ``python benchmarks/hardware/insertions.py`` on an otherwise idle machine (40 minutes; ``--episodes`` and ``--rig``
+Run ``python benchmarks/hardware/insertions.py`` on an otherwise idle machine (20 minutes; ``--episodes`` and ``--rig``
 for less). For each rig, `neurorobo emulate` brings it up in a process of its own, and `neurorobo run --arm` inserts
-once for each seed from 0 on; the simulation runs the same seeds, with the same contact law, stiffness and period.
+once for each seed from 0 on; the simulation runs the same seeds before, with the same contact law, stiffness and
+period. The rigs run side by side, so that each has the other for a neighbour.
 Wanted: all insertions succeed, the mean force is within 10 % of the simulation's, and of at least ten minutes of
 periods none is late. It writes ``insertions.json`` beside itself, prints what is measured, and exits with 1 if a
 figure is missed.
@@ -15,6 +16,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from math import sqrt
@@ -96,15 +98,26 @@ def hardware_body(case: Case, rig: Path) -> str:
     return json.dumps({**body, "rig": str(rig), "stage_resolution": case.resolution})
 
 
-def measure(case: Case, episodes: int) -> dict[str, Any]:
-    """Return the figures of one rig and of the simulation."""
+def on_rig(case: Case, episodes: int) -> dict[str, Any]:
+    """Return what the insertions on an emulated rig came to."""
+    with tempfile.TemporaryDirectory() as name, emulated(case.rig, Path(name)) as rig:
+        overrides = (*case.overrides, f"body={hardware_body(case, rig)}")
+        return run(case.simulation, Path(name) / "run", episodes, overrides, "--arm")
+
+
+def simulated(case: Case, episodes: int) -> dict[str, Any]:
+    """Return what the insertions of the simulated body came to."""
     with tempfile.TemporaryDirectory() as name:
-        folder = Path(name)
-        simulated = run(case.simulation, folder / "simulated", episodes, case.overrides)
-        with emulated(case.rig, folder) as rig:
-            overrides = (*case.overrides, f"body={hardware_body(case, rig)}")
-            real = run(case.simulation, folder / "rig", episodes, overrides, "--arm")
-    return {"rig": figures(real), "simulation": figures(simulated), "timing": real["timing"]}
+        return run(case.simulation, Path(name) / "run", episodes, case.overrides)
+
+
+def measure(cases: Sequence[Case], episodes: int) -> Iterator[dict[str, Any]]:
+    """Yield the figures of each rig and of its simulation."""
+    simulations = [simulated(case, episodes) for case in cases]
+    with ThreadPoolExecutor(len(cases)) as pool:
+        rigs = list(pool.map(lambda case: on_rig(case, episodes), cases))
+    for rig, simulation in zip(rigs, simulations, strict=True):
+        yield {"rig": figures(rig), "simulation": figures(simulation), "timing": rig["timing"]}
 
 
 def figures(ended: dict[str, Any]) -> dict[str, Any]:
@@ -143,9 +156,10 @@ def main() -> None:
     parser.add_argument("--episodes", type=int, default=EPISODES)
     parser.add_argument("--rig", choices=[*CASES], action="append", help="only this one; may be repeated")
     arguments = parser.parse_args()
-    results, missed = {}, []
-    for name in arguments.rig or CASES:
-        measured = results[name] = measure(CASES[name], arguments.episodes)
+    names = arguments.rig or [*CASES]
+    results = dict(zip(names, measure([CASES[name] for name in names], arguments.episodes), strict=True))
+    missed = []
+    for name, measured in results.items():
         for kind in ("rig", "simulation"):
             of = measured[kind]
             error = "" if of["standard_error_mN"] is None else f" ± {of['standard_error_mN']:.2f}"

@@ -57,6 +57,7 @@ def calibrate(
         for _ in range(times):
             at_um = moves.touch(touch.axis, touch.load_mN, touch.within_um, touch.step_um)
             if at_um is None:
+                moves.go_to({touch.axis: here_um[touch.axis]})
                 raise NeuroroboError(
                     f"{touch.axis}: nothing was touched within {touch.within_um:g} um; let it look further (`--within`)"
                 )
