@@ -1,12 +1,11 @@
 """Insertions on virtual rigs, over their wire protocols, beside the same brain on the simulated body.
 
-Run ``python benchmarks/hardware/insertions.py`` on an otherwise idle machine (20 minutes; ``--episodes`` and ``--rig``
+Run ``python benchmarks/hardware/insertions.py`` on an otherwise idle machine (40 minutes; ``--episodes`` and ``--rig``
 for less). For each rig, `neurorobo emulate` brings it up in a process of its own, and `neurorobo run --arm` inserts
-once for each seed from 0 on; the simulation runs the same seeds before, with the same contact law, stiffness and
-period. The rigs run side by side, so that each has the other for a neighbour.
+once for each seed from 0 on; the simulation runs the same seeds, with the same contact law, stiffness and period.
 Wanted: all insertions succeed, the mean force is within 10 % of the simulation's, and of at least ten minutes of
-periods none is late. It writes ``insertions.json`` beside itself, prints what is measured, and exits with 1 if a
-figure is missed.
+periods none is late. It writes ``insertions.json`` beside itself and the table of ``docs/how_to/run_on_hardware.md``,
+prints what is measured, and exits with 1 if a figure is missed. ``--table`` only writes the table anew.
 """
 
 import argparse
@@ -16,7 +15,6 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from math import sqrt
@@ -32,6 +30,8 @@ from machine import machine
 ROOT = Path(__file__).resolve().parents[2]
 HARDWARE = ROOT / "examples" / "peg_in_hole_hardware.yaml"
 RESULTS = Path(__file__).with_name("insertions.json")
+PAGE = ROOT / "docs" / "how_to" / "run_on_hardware.md"
+START, END = "<!-- insertions.json -->", "<!-- end of insertions.json -->"
 EPISODES = 23
 """Of some 27 s each: ten minutes of periods, and the 20 seeds that are wanted."""
 
@@ -98,26 +98,15 @@ def hardware_body(case: Case, rig: Path) -> str:
     return json.dumps({**body, "rig": str(rig), "stage_resolution": case.resolution})
 
 
-def on_rig(case: Case, episodes: int) -> dict[str, Any]:
-    """Return what the insertions on an emulated rig came to."""
-    with tempfile.TemporaryDirectory() as name, emulated(case.rig, Path(name)) as rig:
-        overrides = (*case.overrides, f"body={hardware_body(case, rig)}")
-        return run(case.simulation, Path(name) / "run", episodes, overrides, "--arm")
-
-
-def simulated(case: Case, episodes: int) -> dict[str, Any]:
-    """Return what the insertions of the simulated body came to."""
+def measure(case: Case, episodes: int) -> dict[str, Any]:
+    """Return the figures of one rig and of the simulation."""
     with tempfile.TemporaryDirectory() as name:
-        return run(case.simulation, Path(name) / "run", episodes, case.overrides)
-
-
-def measure(cases: Sequence[Case], episodes: int) -> Iterator[dict[str, Any]]:
-    """Yield the figures of each rig and of its simulation."""
-    simulations = [simulated(case, episodes) for case in cases]
-    with ThreadPoolExecutor(len(cases)) as pool:
-        rigs = list(pool.map(lambda case: on_rig(case, episodes), cases))
-    for rig, simulation in zip(rigs, simulations, strict=True):
-        yield {"rig": figures(rig), "simulation": figures(simulation), "timing": rig["timing"]}
+        folder = Path(name)
+        simulated = run(case.simulation, folder / "simulated", episodes, case.overrides)
+        with emulated(case.rig, folder) as rig:
+            overrides = (*case.overrides, f"body={hardware_body(case, rig)}")
+            real = run(case.simulation, folder / "rig", episodes, overrides, "--arm")
+    return {"rig": figures(real), "simulation": figures(simulated), "timing": real["timing"]}
 
 
 def figures(ended: dict[str, Any]) -> dict[str, Any]:
@@ -150,16 +139,49 @@ def misses(name: str, measured: dict[str, Any], episodes: int) -> list[str]:
     return [f"{name}: {miss}" for miss, is_well in wanted.items() if not is_well]
 
 
+def table(results: dict[str, Any]) -> str:
+    """Return the figures of all rigs as a table in Markdown."""
+    rows = [
+        "| rig | inserted | mean force, mN | in the simulation, mN | largest, mN | late periods | "
+        "sensors to commands, ms: p50, p99, max |",
+        "| --- | --- | --- | --- | --- | --- | --- |",
+    ]
+    for name, measured in results.items():
+        rig, simulation, timing = measured["rig"], measured["simulation"], measured["timing"]
+        forces = [f"{of['mean_force_mN']:.1f} ± {of['standard_error_mN']:.1f}" for of in (rig, simulation)]
+        latencies = ", ".join(f"{timing['latency_ms'][key]:.1f}" for key in ("p50", "p99", "max"))
+        cells = (
+            name,
+            f"{rig['inserted']} of {len(rig['episodes'])}",
+            *forces,
+            f"{rig['max_force_mN']:.0f}, {simulation['max_force_mN']:.0f} simulated",
+            f"{timing['overruns']} of {timing['periods']}",
+            latencies,
+        )
+        rows.append(f"| {' | '.join(cells)} |")
+    return "\n".join(rows)
+
+
+def into_page(text: str, results: dict[str, Any]) -> str:
+    """Return a page with its table replaced."""
+    before, rest = text.split(START)
+    _, after = rest.split(END)
+    return f"{before}{START}\n\n{table(results)}\n\n{END}{after}"
+
+
 def main() -> None:
     """Measure, write and print."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--episodes", type=int, default=EPISODES)
     parser.add_argument("--rig", choices=[*CASES], action="append", help="only this one; may be repeated")
+    parser.add_argument("--table", action="store_true", help="measure nothing, and write the table of the last time")
     arguments = parser.parse_args()
-    names = arguments.rig or [*CASES]
-    results = dict(zip(names, measure([CASES[name] for name in names], arguments.episodes), strict=True))
-    missed = []
-    for name, measured in results.items():
+    if arguments.table:
+        PAGE.write_text(into_page(PAGE.read_text(), json.loads(RESULTS.read_text())["rigs"]))
+        return
+    results, missed = {}, []
+    for name in arguments.rig or CASES:
+        measured = results[name] = measure(CASES[name], arguments.episodes)
         for kind in ("rig", "simulation"):
             of = measured[kind]
             error = "" if of["standard_error_mN"] is None else f" ± {of['standard_error_mN']:.2f}"
@@ -173,6 +195,7 @@ def main() -> None:
         missed += misses(name, measured, arguments.episodes)
     if arguments.episodes >= EPISODES and not arguments.rig:
         RESULTS.write_text(json.dumps({"machine": machine(), "rigs": results}, indent=2) + "\n")
+        PAGE.write_text(into_page(PAGE.read_text(), results))
     for miss in missed:
         print(f"MISSED {miss}")
     sys.exit(1 if missed else 0)
