@@ -5,13 +5,14 @@ import re
 import threading
 import time
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from fractions import Fraction
 from types import SimpleNamespace
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from stage_hardware.drivers.venus import Venus1Stage, Venus2Stage, VenusAxis, VenusStage
+from stage_hardware.drivers.venus import FRESH_NS, Venus1Stage, Venus2Stage, VenusAxis, VenusStage
 from stage_hardware.emulators.wire import TcpPort
 from stage_hardware.errors import (
     HardwareError,
@@ -382,6 +383,7 @@ def test_a_move_that_was_decided_on_before_a_stop_does_not_go_out(corvus: tuple[
     peer, wire = corvus
     with venus_1(wire) as stage:
         homed(stage, peer)
+        time.sleep(FRESH_NS * 1e-9)
         read = stage._read
 
         def stopped_meanwhile() -> object:
@@ -393,6 +395,34 @@ def test_a_move_that_was_decided_on_before_a_stop_does_not_go_out(corvus: tuple[
         with pytest.raises(InterruptedByStopError):
             stage.move_to({"x": 0.0})
         assert not any("move" in words for words in peer.orders())
+
+
+def test_a_loop_that_asks_and_sends_at_once_does_not_ask_twice(corvus: tuple[Peer, TcpPort]) -> None:
+    peer, wire = corvus
+    with venus_1(wire) as stage:
+        homed(stage, peer)
+
+        def asked_before_move(waits_s: float = 0.0) -> bool:
+            assert not stage.state().axes["x"].moving
+            peer.heard.clear()
+            time.sleep(waits_s)
+            stage.move_to({"x": X.lo})
+            return "st" in peer.heard
+
+        assert not asked_before_move()
+        assert asked_before_move(FRESH_NS * 1e-9)
+        stage.state()
+        stage.move_to({"x": X.lo})
+        peer.heard.clear()
+        stage.move_to({"x": X.lo})
+        assert "st" in peer.heard, "after an order it is not known any more"
+        assert not asked_before_move()
+        stage.state()
+        stage.stop()
+        peer.heard.clear()
+        with suppress(HardwareError):
+            stage.move_to({"x": X.lo})
+        assert "st" in peer.heard, "nor after a stop"
 
 
 def test_after_a_missing_reply_it_looks_before_it_moves_and_never_sends_twice(corvus: tuple[Peer, TcpPort]) -> None:

@@ -30,6 +30,9 @@ from stage_hardware.stage import Axis, AxisState, Stage, StageState
 RESTART_NS = 500_000_000
 """A controller that answered less than this ago has not been restarted meanwhile."""
 
+FRESH_NS = 50_000_000
+"""Axes that were seen at rest less than this ago, and were told nothing since, are not asked once more."""
+
 UNITS_PER_CONTROLLER_UNIT = 1000
 """Controllers count in mm and degrees."""
 
@@ -122,6 +125,7 @@ class VenusStage(Stage):
         self._faults: dict[str, str] = {}  # by axis, or RESTART or ERROR
         self._restarted = False
         self._answered_ns = 0
+        self._at_rest: Reading | None = None  # what was read last, if nothing moved and nothing was sent since
         self._stops = self.link.stops
 
     def connect(self) -> None:
@@ -162,6 +166,8 @@ class VenusStage(Stage):
                     self._faults[next_one] = error.fault
             states = {name: self._axis_state(name, reading) for name in self.axes}
             faults = [*self._faults.values(), *reading.faults.values()]
+            is_at_rest = not (faults or reading.moving or self._sent or self._homing or self._to_home)
+            self._at_rest = reading if is_at_rest else None
             return StageState(reading.time_ns, states, "; ".join(faults) or None)
 
     def home(self, axes: Collection[str]) -> None:
@@ -176,6 +182,7 @@ class VenusStage(Stage):
             chosen = [name for name in self.axes if name in axes]
             if not chosen:
                 return
+            self._at_rest = None
             self._refuse_if_unable(chosen, self._observe())
             if self._restarted:
                 self._enter_host_mode(stops)
@@ -193,7 +200,7 @@ class VenusStage(Stage):
             self._refuse_targets(targets, self._referenced)
             if not targets:
                 return
-            reading = self._observe()
+            reading, self._at_rest = self._just_seen_at_rest() or self._observe(), None
             self._refuse_targets(targets, self._referenced)
             self._refuse_if_unable(targets, reading)
             values = {name: self._axes[name].controller_value(target) for name, target in targets.items()}
@@ -338,6 +345,13 @@ class VenusStage(Stage):
             else:
                 self._account_for_rest(name, reading)
         return reading
+
+    def _just_seen_at_rest(self) -> Reading | None:
+        """Return what was read last, if that is as good as asking again: a loop asks, thinks a little, and sends."""
+        reading = self._at_rest
+        if reading is None or self.link.stops != self._stops:
+            return None
+        return reading if time.monotonic_ns() - reading.time_ns < FRESH_NS else None
 
     def _account_for_silence(self) -> None:
         """Believe no position that a restart would leave as well: it leaves 0."""

@@ -1,5 +1,6 @@
 """The command ``neurorobo emulate``."""
 
+import gc
 import math
 import signal
 import threading
@@ -64,8 +65,11 @@ def emulate(rig: Path, out: Path | None, how_long: str | None, faults: Sequence[
         write_whole(out, content)
         try:
             _tell(emulated.config, out, ends_after_s)
+            gc.collect()
+            gc.freeze()  # or a full collection would make every controller late
             _serve(emulated, asked, ends_after_s)
         finally:
+            gc.unfreeze()
             _remove(out, content)
     click.echo(f"ended; {out} is removed")
 

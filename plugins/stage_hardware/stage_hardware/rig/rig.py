@@ -1,14 +1,18 @@
 """A rig: axes of several controllers under names of their own, and a force sensor."""
 
 import time
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Mapping
+from concurrent.futures import ThreadPoolExecutor, wait
 from dataclasses import dataclass
+from functools import partial
 from types import MappingProxyType
-from typing import Self
+from typing import Self, TypeVar
 
 from stage_hardware.errors import HardwareError
 from stage_hardware.force_sensor import ForceSensor
-from stage_hardware.stage import Axis, AxisState, Stage
+from stage_hardware.stage import Axis, AxisState, Stage, StageState
+
+Answer = TypeVar("Answer")
 
 
 @dataclass(frozen=True)
@@ -30,8 +34,9 @@ class Frame:
 class Rig:
     """Stages by the names of their controllers, and a force sensor; the names of axes are unique among all stages.
 
-    Positions are in the unit of their axis, um as a rule, from where episodes begin (:class:`Frame`). All methods raise
-    a :class:`stage_hardware.errors.HardwareError`.
+    Positions are in the unit of their axis, um as a rule, from where episodes begin (:class:`Frame`). Controllers are
+    asked at the same time, as each is slow by itself. All methods raise a
+    :class:`stage_hardware.errors.HardwareError`, if several fail that of the first of the file.
     """
 
     def __init__(self, stages: Mapping[str, Stage], frames: Mapping[str, Frame], sensor: ForceSensor) -> None:
@@ -42,9 +47,11 @@ class Rig:
         self.axes: Mapping[str, Axis] = MappingProxyType(
             {name: axis for stage in stages.values() for name, axis in stage.axes.items()}
         )
+        self._side_by_side: ThreadPoolExecutor | None = None
 
     def connect(self) -> None:
         """Connect all stages and start the sensor; nothing moves, and of what fails, nothing is left open."""
+        self._side_by_side = ThreadPoolExecutor(len(self.stages), thread_name_prefix="ask a controller")
         try:
             for stage in self.stages.values():
                 stage.connect()
@@ -58,6 +65,9 @@ class Rig:
         self.sensor.stop()
         for stage in self.stages.values():
             stage.close()
+        if self._side_by_side is not None:
+            self._side_by_side.shutdown()
+            self._side_by_side = None
 
     def limits(self, axis: str) -> tuple[float, float]:
         """Return the least and the largest position of an axis."""
@@ -65,15 +75,17 @@ class Rig:
         return min(ends), max(ends)
 
     def move_to(self, targets: Mapping[str, float]) -> None:
-        """Begin to move some axes; those of one controller in one command."""
-        for name, stage in self.stages.items():
-            of_stage = {
-                axis: self.frames[axis].to_axis(target)
-                for axis, target in targets.items()
-                if self.controller_of[axis] == name
-            }
-            if of_stage:
-                stage.move_to(of_stage)
+        """Begin to move some axes; those of one controller in one command. None moves if one is sent too far."""
+        for axis, target in targets.items():
+            lo, hi = self.limits(axis)
+            if not lo <= target <= hi:
+                unit = self.axes[axis].unit
+                fault = f"axis {axis} would go to {target:g} {unit}, counted from where episodes begin"
+                raise HardwareError(self.controller_of[axis], fault, f"stay within {lo:g}..{hi:g} {unit}")
+        of_stages: dict[str, dict[str, float]] = {}
+        for axis, target in targets.items():
+            of_stages.setdefault(self.controller_of[axis], {})[axis] = self.frames[axis].to_axis(target)
+        self._ask({name: partial(self.stages[name].move_to, of_stage) for name, of_stage in of_stages.items()})
 
     def home(self, axes: Collection[str]) -> None:
         """Begin to look for the origins of some axes."""
@@ -81,11 +93,14 @@ class Rig:
             if of_stage := [axis for axis in axes if self.controller_of[axis] == name]:
                 stage.home(of_stage)
 
-    def state(self) -> dict[str, AxisState]:
-        """Ask all controllers how their axes are, with positions in the rig's frame; a HardwareError for a fault."""
+    def state(self, ask: Callable[[str], StageState] | None = None) -> dict[str, AxisState]:
+        """Ask all controllers how their axes are, with positions in the rig's frame; a HardwareError for a fault.
+
+        ``ask`` asks one by its name, in a thread of its own, if there is more to it than its ``state``.
+        """
         states = {}
-        for name, stage in self.stages.items():
-            state = stage.state()
+        questions = {name: stage.state if ask is None else partial(ask, name) for name, stage in self.stages.items()}
+        for name, state in self._ask(questions).items():
             if state.fault is not None:
                 raise HardwareError(name, state.fault, "see to it, then home its axes")
             for axis, one in state.axes.items():
@@ -107,6 +122,15 @@ class Rig:
                 fault = f"{', '.join(moving)} still moves after {within_s:g} s"
                 raise HardwareError(self.controller_of[moving[0]], fault, "it was stopped: see what slows it down")
             time.sleep(poll_s)
+
+    def _ask(self, questions: Mapping[str, Callable[[], Answer]]) -> dict[str, Answer]:
+        """Ask controllers by their names, at the same time once they are connected, and wait for all."""
+        pool = self._side_by_side
+        if pool is None or len(questions) < 2:
+            return {name: ask() for name, ask in questions.items()}
+        asked = {name: pool.submit(ask) for name, ask in questions.items()}
+        wait(asked.values())
+        return {name: answer.result() for name, answer in asked.items()}
 
     def __enter__(self) -> Self:
         """Connect."""

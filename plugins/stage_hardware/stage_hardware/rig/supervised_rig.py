@@ -1,5 +1,6 @@
 """A rig under supervision: it moves only while nothing is wrong, keeps pace, and is stopped and drawn back."""
 
+import gc
 import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -15,7 +16,7 @@ from neurorobo.safety.watch import SafetyWatch
 from stage_hardware.errors import HardwareError, InterruptedByStopError
 from stage_hardware.force_sensor import ForceReading
 from stage_hardware.rig.rig import Rig
-from stage_hardware.stage import AxisState, Stage
+from stage_hardware.stage import AxisState, Stage, StageState
 
 Result = TypeVar("Result")
 LOOP = "deadline"
@@ -120,7 +121,8 @@ class SupervisedRig:
         self.path: list[dict[str, float]] = []
         """Where the axes were sent since they set out, and will be drawn back along."""
         self._alive_until_ns: int | None = None
-        self._asking_takes_ns = self._arrive_ns = 0
+        self._asking_takes_ns: dict[str, int] = {}
+        self._arrive_ns: dict[str, int] = {}  # by controller, when its axes should be where they were sent
         self._waited_for: str | None = None
         self._is_open = self._was_reported = False
 
@@ -130,6 +132,9 @@ class SupervisedRig:
             self.machine.run()
         if self._is_open:
             return
+        # A full collection of all that was imported would hold up every thread, that of the sensor too, for 0.1 s.
+        gc.collect()
+        gc.freeze()
         try:
             self.rig.connect()
             self._is_open = True
@@ -148,6 +153,7 @@ class SupervisedRig:
                 self._is_open = False
                 self.watch.close()
                 self.rig.close()
+                gc.unfreeze()
         self.machine.disarm()
 
     def halt(self) -> None:
@@ -246,10 +252,12 @@ class SupervisedRig:
         self._call(partial(self.rig.move_to, targets))
         before = self.path[-1] if self.path else {}
         self.path.append({**before, **targets})
-        longest_s = max(
-            self.rig.axes[axis].moves_for_s(target - before.get(axis, target)) for axis, target in targets.items()
-        )
-        self._arrive_ns = time.monotonic_ns() + round(longest_s * 1e9)
+        sent_ns = time.monotonic_ns()
+        self._arrive_ns = {}
+        for axis, target in targets.items():
+            way_ns = round(1e9 * self.rig.axes[axis].moves_for_s(target - before.get(axis, target)))
+            controller = self.rig.controller_of[axis]
+            self._arrive_ns[controller] = max(self._arrive_ns.get(controller, 0), sent_ns + way_ns)
 
     def start_pace(self) -> None:
         """Let the first period begin now."""
@@ -263,9 +271,7 @@ class SupervisedRig:
         if is_late:  # the loop is, so that axes cannot have arrived yet: they have another period
             self._end_pace(duration_ns)
             deadline_ns = time.monotonic_ns() + duration_ns
-        if (left_ns := min(self._arrive_ns, deadline_ns) - time.monotonic_ns()) > 0:
-            self._sleep(left_ns * 1e-9)
-        states = self._ask()
+        states = self._ask(lambda controller: min(self._arrive_ns.get(controller, 0), deadline_ns))
         while any(state.moving for state in states.values()) and self._is_time_to_ask(deadline_ns):
             states = self._ask()
         self._check_arrival(states, self.path[-1])
@@ -378,15 +384,23 @@ class SupervisedRig:
         return {axis: state.position for axis, state in states.items()}
 
     def _is_time_to_ask(self, deadline_ns: int) -> bool:
-        return time.monotonic_ns() + 3 * self._asking_takes_ns // 2 < deadline_ns
+        longest_ns = max(self._asking_takes_ns.values(), default=0)
+        return time.monotonic_ns() + 3 * longest_ns // 2 < deadline_ns
 
-    def _ask(self) -> dict[str, AxisState]:
-        """Ask all controllers how their axes are, and note how long that takes: periods have to leave time for it."""
-        began_ns = time.monotonic_ns()
-        states = self._call(self.rig.state)
-        # The longest of late: a controller may be asked for more when its axes have come to rest.
-        self._asking_takes_ns = max(time.monotonic_ns() - began_ns, 19 * self._asking_takes_ns // 20)
-        return states
+    def _ask(self, not_before_ns: Callable[[str], int] = lambda _: 0) -> dict[str, AxisState]:
+        """Ask all controllers how their axes are, each at its time, and note how long that takes."""
+
+        def ask(controller: str) -> StageState:
+            if (left_ns := not_before_ns(controller) - time.monotonic_ns()) > 0:
+                self._sleep(left_ns * 1e-9)
+            began_ns = time.monotonic_ns()
+            state = self.rig.stages[controller].state()
+            # The longest of late: a controller may be asked for more when its axes have come to rest.
+            took_ns, before_ns = time.monotonic_ns() - began_ns, self._asking_takes_ns.get(controller, 0)
+            self._asking_takes_ns[controller] = max(took_ns, 19 * before_ns // 20)
+            return state
+
+        return self._call(partial(self.rig.state, ask))
 
     def _call(self, ask: Callable[[], Result]) -> Result:
         """Ask a device; whatever it refuses stops all."""
