@@ -30,7 +30,7 @@ from stage_hardware.stage import Axis, AxisState, Stage, StageState
 RESTART_NS = 500_000_000
 """A controller that answered less than this ago has not been restarted meanwhile."""
 
-FRESH_NS = 50_000_000
+FRESH_NS = 100_000_000
 """Axes that were seen at rest less than this ago, and were told nothing since, are not asked once more."""
 
 UNITS_PER_CONTROLLER_UNIT = 1000

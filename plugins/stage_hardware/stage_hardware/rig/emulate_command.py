@@ -1,6 +1,5 @@
 """The command ``neurorobo emulate``."""
 
-import gc
 import math
 import signal
 import threading
@@ -49,6 +48,7 @@ def emulate(rig: Path, out: Path | None, how_long: str | None, faults: Sequence[
     from neurorobo.units import UnitError, parse_duration_ns
     from stage_hardware.rig.emulated_rig import EmulatedRig
     from stage_hardware.rig.rig_config import load_rig
+    from stage_hardware.rig.undisturbed import undisturbed
 
     try:
         ends_after_s = None if how_long is None else parse_duration_ns(how_long) / 1e9
@@ -65,11 +65,9 @@ def emulate(rig: Path, out: Path | None, how_long: str | None, faults: Sequence[
         write_whole(out, content)
         try:
             _tell(emulated.config, out, ends_after_s)
-            gc.collect()
-            gc.freeze()  # or a full collection would make every controller late
-            _serve(emulated, asked, ends_after_s)
+            with undisturbed():
+                _serve(emulated, asked, ends_after_s)
         finally:
-            gc.unfreeze()
             _remove(out, content)
     click.echo(f"ended; {out} is removed")
 

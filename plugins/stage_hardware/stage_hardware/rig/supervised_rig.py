@@ -1,9 +1,9 @@
 """A rig under supervision: it moves only while nothing is wrong, keeps pace, and is stopped and drawn back."""
 
-import gc
 import math
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from functools import partial
 from typing import Any, TypeVar
 
@@ -16,6 +16,7 @@ from neurorobo.safety.watch import SafetyWatch
 from stage_hardware.errors import HardwareError, InterruptedByStopError
 from stage_hardware.force_sensor import ForceReading
 from stage_hardware.rig.rig import Rig
+from stage_hardware.rig.undisturbed import undisturbed
 from stage_hardware.stage import AxisState, Stage, StageState
 
 Result = TypeVar("Result")
@@ -125,6 +126,7 @@ class SupervisedRig:
         self._arrive_ns: dict[str, int] = {}  # by controller, when its axes should be where they were sent
         self._waited_for: str | None = None
         self._is_open = self._was_reported = False
+        self._while_open = ExitStack()
 
     def begin(self) -> None:
         """Connect, if that was not done, and watch from now on; a SafetyError for a rig that may not move."""
@@ -132,9 +134,7 @@ class SupervisedRig:
             self.machine.run()
         if self._is_open:
             return
-        # A full collection of all that was imported would hold up every thread, that of the sensor too, for 0.1 s.
-        gc.collect()
-        gc.freeze()
+        self._while_open.enter_context(undisturbed())
         try:
             self.rig.connect()
             self._is_open = True
@@ -146,14 +146,14 @@ class SupervisedRig:
 
     def close(self) -> None:
         """Stop what moves, and let go of everything; safe to call twice."""
-        if self._is_open:
-            try:
-                self.halt()
-            finally:
+        try:
+            self.halt()
+        finally:
+            if self._is_open:
                 self._is_open = False
                 self.watch.close()
                 self.rig.close()
-                gc.unfreeze()
+            self._while_open.close()
         self.machine.disarm()
 
     def halt(self) -> None:
