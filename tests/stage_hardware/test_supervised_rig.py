@@ -3,6 +3,7 @@
 import threading
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -11,7 +12,7 @@ from stage_hardware.emulators.mock_stage import MockStage
 from stage_hardware.force_sensor import Component, ForceReading
 from stage_hardware.rig.rig import Frame, Rig
 from stage_hardware.rig.supervised_rig import ForceWatch, SupervisedRig
-from stage_hardware.stage import Axis
+from stage_hardware.stage import Axis, StageState
 
 from neurorobo.bodies.pacer import Overrun
 from neurorobo.safety.limits import Limits
@@ -262,6 +263,23 @@ def test_a_late_command_is_still_carried_out_if_that_is_allowed(bench: Bench) ->
     late(bench)
     assert bench.depth_um == pytest.approx(30.0)
     assert rig.timing()["overruns"] >= 1
+
+
+@pytest.mark.parametrize("bench", [("hold",)], indirect=True)
+def test_an_axis_that_still_settles_where_it_was_sent_is_late_and_not_astray(bench: Bench) -> None:
+    rig, ask = bench.ready(), bench.z.state
+    settles_until_s = time.monotonic() + 1.3 * PERIOD_NS * 1e-9
+
+    def settling() -> StageState:
+        state = ask()
+        z = replace(state.axes["z"], moving=time.monotonic() < settles_until_s)
+        return replace(state, axes={"z": z})
+
+    bench.z.state = settling  # type: ignore[method-assign]
+    rig.send({"z": 30.0})
+    states = rig.end_period(PERIOD_NS)
+    assert not states["z"].moving
+    assert rig.timing()["overruns"] == 1
 
 
 def test_a_halt_stops_what_moves_and_sees_that_it_stands(bench: Bench) -> None:

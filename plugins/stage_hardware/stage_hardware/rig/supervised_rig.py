@@ -36,6 +36,10 @@ GRACE_NS = 200_000_000
 """How much longer than a period a loop may say nothing before it is taken for dead."""
 
 
+SETTLES_NS = 100_000_000
+"""How much longer than a period an axis may settle that is where it was sent."""
+
+
 class _Mover:
     """A stage, as the safety watch sees it."""
 
@@ -272,7 +276,7 @@ class SupervisedRig:
             self._end_pace(duration_ns)
             deadline_ns = time.monotonic_ns() + duration_ns
         states = self._ask(lambda controller: min(self._arrive_ns.get(controller, 0), deadline_ns))
-        while any(state.moving for state in states.values()) and self._is_time_to_ask(deadline_ns):
+        while self._is_time_to_ask(deadline_ns, states):
             states = self._ask()
         self._check_arrival(states, self.path[-1])
         if not is_late:
@@ -383,9 +387,16 @@ class SupervisedRig:
     def _targets(states: Mapping[str, AxisState]) -> dict[str, float]:
         return {axis: state.position for axis, state in states.items()}
 
-    def _is_time_to_ask(self, deadline_ns: int) -> bool:
+    def _is_time_to_ask(self, deadline_ns: int, states: Mapping[str, AxisState]) -> bool:
+        """Whether to ask axes that move once more: before the deadline, or if they only settle where they were sent.
+
+        Those make the period late, which is another fault than to be somewhere else.
+        """
+        moving = [axis for axis, state in states.items() if state.moving]
+        off = (abs(states[axis].position - self.path[-1][axis]) for axis in moving if axis in self.path[-1])
+        late_ns = deadline_ns + SETTLES_NS if max(off, default=math.inf) <= self.following_error else deadline_ns
         longest_ns = max(self._asking_takes_ns.values(), default=0)
-        return time.monotonic_ns() + 3 * longest_ns // 2 < deadline_ns
+        return bool(moving) and time.monotonic_ns() + 3 * longest_ns // 2 < late_ns
 
     def _ask(self, not_before_ns: Callable[[str], int] = lambda _: 0) -> dict[str, AxisState]:
         """Ask all controllers how their axes are, each at its time, and note how long that takes."""
