@@ -299,3 +299,39 @@ def test_a_refusal_stops_all(bench: Bench) -> None:
     bench.ready()
     soon(lambda: setattr(bench.z, "refusals", 1))
     assert "elevator: the command was refused" in stopped(bench, bench.insert)
+
+
+def test_what_does_not_stop_after_a_load_beyond_the_latch_is_not_said_to_stand(bench: Bench) -> None:
+    bench.ready()
+
+    def fails() -> None:
+        bench.z.unplugged = True
+        bench.push_mN = 400.0
+
+    def waits() -> None:
+        time.sleep(0.3)
+        bench.rig.feel()
+
+    soon(fails, 0.05)
+    told = stopped(bench, waits)
+    assert "of 300 mN allowed" in told and "stopped and stand" not in told
+    assert "it may still move, cut its power: elevator: " in told
+
+
+def test_a_load_that_passes_the_latch_after_the_stop_is_not_drawn_back_and_blames_no_controller(bench: Bench) -> None:
+    bench.ready()
+
+    def pushes() -> None:
+        bench.push_mN = 150.0
+        time.sleep(0.05)
+        bench.push_mN = 400.0
+
+    def waits() -> None:
+        time.sleep(0.4)
+        bench.rig.feel()
+
+    soon(pushes, 0.05)
+    told = stopped(bench, waits)
+    assert "of 100 mN allowed" in told and "all axes were stopped and stand" in told
+    assert "drawn back" not in told and "cut its power" not in told
+    assert "is latched (force" in told and "of 300 mN allowed" in told

@@ -416,17 +416,17 @@ class SupervisedRig:
         words = [str(trip)]
         if trip.place == LOOP and self._waited_for is not None:
             words.append(f"it was waiting for a reply of {self._waited_for}")
-        if self.machine.state is SafetyState.LATCHED and trip.reaction != "latch":
-            reason = self.machine.latch.reason() or self.machine.latch_fault
-            words.append(f"it may still move, cut its power: {reason}")
+        if self.watch.faults:
+            words.append(self._may_still_move())
         elif not stand:
             words.append("whether all axes stand is not known: cut their power")
         else:
             words.append("all axes were stopped and stand")
-            if trip.reaction == "retract":
+            if trip.reaction == "retract" and self.machine.state is not SafetyState.LATCHED:
                 words.append(self._retract())
         if self.machine.state is SafetyState.LATCHED:
-            words.append(f"the rig is latched: look at it, then remove {self.machine.latch.path}")
+            reason = self.machine.latch.reason() or trip
+            words.append(f"the rig is latched ({reason}): look at it, then remove {self.machine.latch.path}")
         if self.machine.latch_fault is not None:
             words.append(f"the latch holds for this run only: {self.machine.latch_fault}")
         return SafetyError("\n".join(words), trip)
@@ -476,8 +476,11 @@ class SupervisedRig:
         words = f"not drawn back any further: {fault}"
         if self.watch.stop_again():
             return words
-        reason = self.machine.latch.reason() or self.machine.latch_fault
-        return f"{words}\nit may still move, cut its power: {reason}"
+        return f"{words}\n{self._may_still_move()}"
+
+    def _may_still_move(self) -> str:
+        told = "; ".join(f"{name}: {fault}" for name, fault in self.watch.faults.items())
+        return f"it may still move, cut its power: {told or 'whether all axes stand is not known'}"
 
 
 def _trip_of(error: HardwareError) -> Trip:
