@@ -335,3 +335,41 @@ def test_a_load_that_passes_the_latch_after_the_stop_is_not_drawn_back_and_blame
     assert "of 100 mN allowed" in told and "all axes were stopped and stand" in told
     assert "drawn back" not in told and "cut its power" not in told
     assert "is latched (force" in told and "of 300 mN allowed" in told
+
+
+@pytest.mark.parametrize("begins", ["move_to", "home"])
+def test_a_command_that_overtakes_a_stop_is_stopped_as_well(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch, begins: str
+) -> None:
+    """The trip comes when the command was decided on and has not gone out yet."""
+    rig = bench.ready()
+    begin = getattr(bench.x, begins)
+    bench.x.mechanisms["x"].slowness = 1000.0
+    bench.x.mechanisms["x"].referenced = begins == "move_to"
+
+    def overtakes(what: object) -> None:
+        bench.sensor.fault = "saturated"
+        assert rig.watch.wait_until_all_stand()
+        begin(what)
+
+    monkeypatch.setattr(bench.x, begins, overtakes)
+    act = {"move_to": lambda: rig.send({"x": 1000.0}), "home": lambda: rig.home([["x"]])}[begins]
+    told = stopped(bench, act)
+    assert "force: saturated" in told and "all axes were stopped and stand" in told
+
+
+def test_a_rig_whose_stop_was_overtaken_is_stopped_even_if_the_command_fails(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rig = bench.ready()
+    begin = bench.z.move_to
+    bench.z.mechanisms["z"].slowness = 1000.0
+    bench.x.refusals = 1
+
+    def overtakes(targets: dict[str, float]) -> None:
+        bench.sensor.fault = "saturated"
+        assert rig.watch.wait_until_all_stand()
+        begin(targets)
+
+    monkeypatch.setattr(bench.z, "move_to", overtakes)
+    stopped(bench, lambda: rig.send({"z": 1000.0, "x": 1000.0}))

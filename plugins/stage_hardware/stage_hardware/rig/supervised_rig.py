@@ -123,6 +123,7 @@ class SupervisedRig:
         self._asking_takes_ns = self._arrive_ns = 0
         self._waited_for: str | None = None
         self._is_open = self._was_reported = False
+        self._is_setting_out = False
 
     def begin(self) -> None:
         """Connect, if that was not done, and watch from now on; a SafetyError for a rig that may not move."""
@@ -174,7 +175,7 @@ class SupervisedRig:
         referenced = {name for name, state in self._call(self.rig.state).items() if state.referenced}
         for group in order:
             if waiting := [axis for axis in group if axis not in referenced]:
-                self._call(partial(self.rig.home, waiting))
+                self._set_out(partial(self.rig.home, waiting))
                 ways_s = sum((axis.hi - axis.lo) / axis.speed for axis in map(self.rig.axes.__getitem__, waiting))
                 self.wait_until_at_rest(ways_s / HOMES_AT_LEAST_AT + TURNS_WITHIN_S)
 
@@ -223,7 +224,7 @@ class SupervisedRig:
                 axis: self._within(axis, here[axis] + (target - here[axis]) * i / moves)
                 for axis, target in targets.items()
             }
-            self._call(partial(self.rig.move_to, place))
+            self._set_out(partial(self.rig.move_to, place))
             longest_s = max(abs(place[axis] - here[axis]) / self.rig.axes[axis].speed for axis in targets)
             states = self.wait_until_at_rest(2 * longest_s + 2.0)
             self._check_arrival(states, place)
@@ -242,8 +243,7 @@ class SupervisedRig:
 
     def send(self, targets: Mapping[str, float]) -> None:
         """Send some axes somewhere; returns when the controllers have taken it."""
-        self._check()
-        self._call(partial(self.rig.move_to, targets))
+        self._set_out(partial(self.rig.move_to, targets))
         before = self.path[-1] if self.path else {}
         self.path.append({**before, **targets})
         longest_s = max(
@@ -388,6 +388,13 @@ class SupervisedRig:
         self._asking_takes_ns = max(time.monotonic_ns() - began_ns, 19 * self._asking_takes_ns // 20)
         return states
 
+    def _set_out(self, motion: Callable[[], None]) -> None:
+        """Let axes begin to move; a stop that comes meanwhile may be overtaken by the command, and is sent again."""
+        self._is_setting_out = True
+        self._call(motion)
+        self._check()
+        self._is_setting_out = False
+
     def _call(self, ask: Callable[[], Result]) -> Result:
         """Ask a device; whatever it refuses stops all."""
         self._check()
@@ -413,6 +420,8 @@ class SupervisedRig:
             return SafetyError(str(trip), trip)
         self._was_reported = True
         stand = self.watch.wait_until_all_stand()
+        if stand and self._is_setting_out:
+            stand = self.watch.stop_again()
         words = [str(trip)]
         if trip.place == LOOP and self._waited_for is not None:
             words.append(f"it was waiting for a reply of {self._waited_for}")
