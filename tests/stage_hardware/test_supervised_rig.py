@@ -373,3 +373,16 @@ def test_a_rig_whose_stop_was_overtaken_is_stopped_even_if_the_command_fails(
 
     monkeypatch.setattr(bench.z, "move_to", overtakes)
     stopped(bench, lambda: rig.send({"z": 1000.0, "x": 1000.0}))
+
+
+def test_a_trip_while_it_waits_for_the_end_of_a_period_is_dealt_with_at_once(bench: Bench) -> None:
+    rig = bench.ready()
+    soon(lambda: setattr(bench, "push_mN", 150.0), 0.3)
+
+    def waits() -> None:
+        rig.send({"z": 10.0})
+        rig.end_period(5_000_000_000)
+
+    began_s = time.monotonic()
+    stopped(bench, waits)
+    assert time.monotonic() - began_s < 3.0

@@ -332,7 +332,9 @@ class SupervisedRig:
         return self.machine.trip is not None
 
     def _sleep(self, seconds: float) -> None:
+        """Sleep, but no longer than until a trip, which it raises."""
         self.watch.sleep(seconds)
+        self._check()
 
     def _felt(self, reading: ForceReading) -> None:
         """Take a reading, in the sensor's thread; once stopped, it can only get worse."""
