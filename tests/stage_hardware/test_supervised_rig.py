@@ -386,3 +386,20 @@ def test_a_trip_while_it_waits_for_the_end_of_a_period_is_dealt_with_at_once(ben
     began_s = time.monotonic()
     stopped(bench, waits)
     assert time.monotonic() - began_s < 3.0
+
+
+@pytest.mark.parametrize("bench", [("skip",)], indirect=True)
+def test_a_loop_that_was_late_has_as_long_for_the_next_period_as_any(bench: Bench) -> None:
+    rig = bench.ready()
+    late(bench)  # which takes two periods of 100 ms
+    time.sleep(0.24)  # less than the period and 200 ms more that a loop may take
+    rig.send({"z": 31.0})
+
+
+def test_an_episode_that_begins_while_another_is_under_way_may_take_its_time(bench: Bench) -> None:
+    rig = bench.ready()
+    bench.insert(periods=1)
+    rig.begin()
+    bench.z.mechanisms["z"].slowness = 3.0
+    rig.go_to({"z": 1000.0}, 2000.0)
+    assert bench.depth_um == pytest.approx(1000.0)

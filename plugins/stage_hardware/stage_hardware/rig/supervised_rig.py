@@ -127,6 +127,7 @@ class SupervisedRig:
 
     def begin(self) -> None:
         """Connect, if that was not done, and watch from now on; a SafetyError for a rig that may not move."""
+        self._alive_until_ns = None  # no period is under way
         if self.machine.state is not SafetyState.RUNNING:
             self.machine.run()
         if self._is_open:
@@ -263,6 +264,7 @@ class SupervisedRig:
         if is_late:  # the loop is, so that axes cannot have arrived yet: they have another period
             self._end_pace(duration_ns)
             deadline_ns = time.monotonic_ns() + duration_ns
+            self._alive_until_ns = deadline_ns + duration_ns + GRACE_NS
         if (left_ns := min(self._arrive_ns, deadline_ns) - time.monotonic_ns()) > 0:
             self._sleep(left_ns * 1e-9)
         states = self._ask()
