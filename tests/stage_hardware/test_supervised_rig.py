@@ -1,16 +1,20 @@
 """A supervised rig of stages and a sensor without wires: whatever goes wrong stops it, and is told."""
 
+import math
 import threading
 import time
 from collections.abc import Callable, Iterator
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from stage_hardware.emulators.mock_force_sensor import MockForceSensor
 from stage_hardware.emulators.mock_stage import MockStage
 from stage_hardware.force_sensor import Component, ForceReading
 from stage_hardware.rig.rig import Frame, Rig
-from stage_hardware.rig.supervised_rig import ForceWatch, SupervisedRig
+from stage_hardware.rig.supervised_rig import ForceWatch, SupervisedRig, _back
 from stage_hardware.stage import Axis
 
 from neurorobo.bodies.pacer import Overrun
@@ -23,7 +27,7 @@ MS = 1_000_000
 
 
 class Bench:
-    """Two mock stages, z and x, and a sensor that feels ``stiffness`` times what z is beyond 50 um, and ``push``."""
+    """Two mock stages, z and x, and a sensor that feels how far z is beyond 50 um or below ``floor``, and ``push``."""
 
     def __init__(self, folder: Path, overrun: Overrun = "skip") -> None:
         def axis(speed_um_s: float) -> Axis:
@@ -31,7 +35,7 @@ class Bench:
 
         self.z = MockStage("elevator", {"z": axis(4000.0)}, positions={"z": 30.0}, beyond=100.0)
         self.x = MockStage("table", {"x": axis(4000.0)}, positions={"x": 30.0}, beyond=100.0)
-        self.stiffness_mN_um, self.push_mN = 0.0, 0.0
+        self.stiffness_mN_um, self.push_mN, self.floor_um = 0.0, 0.0, -math.inf
         self.sensor = MockForceSensor("force sensor", {"Fx": Component("mN", 1e6, 1.0)}, self._wrench, silence_s=0.6)
         rig = Rig(
             {"elevator": self.z, "table": self.x},
@@ -48,7 +52,6 @@ class Bench:
             [self.force],
             overrun=overrun,
             following_error=2.0,
-            axial="z",
             retracts=60.0,
             retracts_by=10.0,
             load=self._load,
@@ -59,7 +62,8 @@ class Bench:
         return abs(reading.values["Fx"])
 
     def _wrench(self, time_s: float) -> tuple[float, ...]:
-        return (self.push_mN + self.stiffness_mN_um * max(0.0, self.depth_um - 50.0),)
+        within_um = max(0.0, self.depth_um - 50.0, self.floor_um - self.depth_um)
+        return (self.push_mN + self.stiffness_mN_um * within_um,)
 
     @property
     def depth_um(self) -> float:
@@ -403,3 +407,63 @@ def test_an_episode_that_begins_while_another_is_under_way_may_take_its_time(ben
     bench.z.mechanisms["z"].slowness = 3.0
     rig.go_to({"z": 1000.0}, 2000.0)
     assert bench.depth_um == pytest.approx(1000.0)
+
+
+def test_an_axis_that_runs_into_something_on_its_way_down_is_drawn_back_up(bench: Bench) -> None:
+    """Whichever way positions grow: back is where it came from, and not where it would have gone."""
+    rig = bench.ready()
+    bench.floor_um, bench.stiffness_mN_um = -30.0, 5.0
+    rig.go_to({"z": 40.0}, 20.0)
+    told = stopped(bench, lambda: rig.go_on_to({"z": -80.0}, 15.0))
+    assert "drawn back by 60 um" in told
+    assert bench.depth_um > -30.0
+
+
+def test_what_was_sent_down_and_met_something_is_not_sent_on(bench: Bench) -> None:
+    rig = bench.ready()
+    bench.floor_um, bench.stiffness_mN_um = -10.0, 5.0
+    rig.go_to({"z": 40.0}, 20.0)
+    bench.z.mechanisms["z"].slowness = 10.0
+    told = stopped(bench, lambda: rig.track({"z": -90.0}))
+    assert "drawn back by 60 um" in told
+    assert bench.depth_um > -10.0
+
+
+def test_too_large_a_load_on_the_way_to_the_start_draws_back_too(bench: Bench) -> None:
+    rig = bench.ready()
+    bench.stiffness_mN_um = 5.0
+    told = stopped(bench, lambda: rig.go_to({"z": 85.0}, 10.0))
+    assert "drawn back by 60 um" in told
+    assert bench.depth_um < 50.0
+
+
+def test_too_large_a_load_on_the_way_out_does_not_lead_in_again(bench: Bench) -> None:
+    rig = bench.ready()
+    bench.insert(periods=4)
+    bench.z.mechanisms["z"].slowness = 1000.0
+    soon(lambda: setattr(bench, "push_mN", 150.0), 0.05)
+    told = stopped(bench, lambda: rig.withdraw(100.0))
+    assert "not drawn back" in told
+    assert bench.depth_um <= 40.0
+
+
+def test_the_way_back_turns_where_the_way_turned_and_ends_where_it_may() -> None:
+    path = [{"z": -40.0, "x": 0.0}, {"z": 10.0, "x": 0.0}, {"z": 10.0, "x": 30.0}]
+    way = _back({"z": 10.0, "x": 50.0}, path, 65.0, 10.0)
+    assert [place["x"] for place in way] == pytest.approx([40, 30, 20, 10, 0, 0, 0])
+    assert [place["z"] for place in way] == pytest.approx([10, 10, 10, 10, 10, 2.5, -5])
+
+
+@given(
+    places=st.lists(st.tuples(st.floats(-500, 500), st.floats(-500, 500)), min_size=1, max_size=8),
+    distance=st.floats(1, 300),
+    step=st.floats(1, 50),
+)
+def test_no_step_of_the_way_back_is_too_long_nor_the_way(
+    places: list[tuple[float, float]], distance: float, step: float
+) -> None:
+    path = [{"z": z, "x": x} for z, x in places]
+    way = [path[-1], *_back(path[-1], path, distance, step)]
+    steps = [max(abs(b[axis] - a[axis]) for axis in a) for a, b in pairwise(way)]
+    assert all(one <= step * (1 + 1e-9) for one in steps)
+    assert sum(steps) <= distance * (1 + 1e-9)

@@ -156,7 +156,6 @@ class HardwareRig(InsertionBody):
             watches,
             overrun=config.overrun,
             following_error=config.following_error,
-            axial=config.axial,
             retracts=config.retraction.distance,
             retracts_by=config.retraction.step,
             load=lambda reading: math.hypot(*(reading.values[name] for name in (*config.force, config.axial_force))),

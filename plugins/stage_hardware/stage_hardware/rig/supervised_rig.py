@@ -92,9 +92,9 @@ class SupervisedRig:
     """Moves a rig on behalf of a control loop; see :class:`neurorobo.safety.machine.SafetyState` for what it may do.
 
     Whatever goes wrong stops all controllers at once, is verified, and ends in a SafetyError that says what it was.
-    After too large a load, the rig is drawn back along the way it came by ``retracts`` um of ``axial`` at most, in
-    steps of ``retracts_by``, as long as the load falls. Commands are absolute, and none outlasts its period: a loop
-    that dies leaves at most one of them under way.
+    After too large a load, the rig is drawn back along the way it came by ``retracts`` um at most, in steps of
+    ``retracts_by``, both of the axis that goes farthest, as long as the load falls. Commands are absolute, and none
+    outlasts its period: a loop that dies leaves at most one of them under way.
     """
 
     def __init__(
@@ -105,20 +105,20 @@ class SupervisedRig:
         *,
         overrun: Overrun,
         following_error: float,
-        axial: str,
         retracts: float,
         retracts_by: float,
         load: Callable[[ForceReading], float],
     ) -> None:
         """Prepare it; :meth:`begin` connects. ``load`` (mN) is what has to fall on the way back."""
         self.rig, self.machine, self.force_watches = rig, machine, tuple(force_watches)
-        self.following_error, self._axial, self._load = following_error, axial, load
+        self.following_error, self._load = following_error, load
         self._retracts, self._retracts_by = retracts, retracts_by
         checks = [self._check_loop, self._check_age]
         self.watch = SafetyWatch(machine, {name: _Mover(stage) for name, stage in rig.stages.items()}, checks)
         self.pacer = Pacer(overrun, sleep=self._sleep)
         self.path: list[dict[str, float]] = []
-        """Where the axes were sent since they set out, and will be drawn back along."""
+        """Where the axes have been since they set out, and will be drawn back along; what is under way is not there."""
+        self._sent_to: dict[str, float] = {}
         self._alive_until_ns: int | None = None
         self._asking_takes_ns = self._arrive_ns = 0
         self._waited_for: str | None = None
@@ -182,12 +182,14 @@ class SupervisedRig:
 
     def go_to(self, targets: Mapping[str, float], step: float) -> None:
         """Bring some axes somewhere in moves of ``step`` at most, and wait until they are there: a new way begins."""
-        for states in self._moves(targets, step):
-            reached = states
-        self.path = [self._targets(reached)]
+        self.path = []
+        self.go_on_to(targets, step)
+        del self.path[:-1]
 
     def go_on_to(self, targets: Mapping[str, float], step: float) -> None:
         """Bring some axes somewhere as :meth:`go_to` does, as a part of the way."""
+        self.path = self.path or [self._targets(self._call(self.rig.state))]
+        self._sent_to = {}
         for states in self._moves(targets, step):
             self.path.append(self._targets(states))
 
@@ -212,12 +214,15 @@ class SupervisedRig:
             one = state.axes[axis]
             track.append((state.time_ns, frame.to_rig(one.position)))
             if not one.moving or is_enough(track[-1][1]):
+                self.path.append({**self._sent_to, axis: track[-1][1]})
                 return track
             if time.monotonic() > ends:
                 self.watch.trip(Trip(stage.name, f"{axis} still moves after twice its time", "see what slows it down"))
 
     def _moves(self, targets: Mapping[str, float], step: float) -> Iterator[dict[str, AxisState]]:
         """Move some axes somewhere, ``step`` at most at a time; yields where they have come to."""
+        if not targets:
+            return
         here = {name: state.position for name, state in self._call(self.rig.state).items()}
         moves = max(1, *(math.ceil(abs(target - here[axis]) / step) for axis, target in targets.items()))
         for i in range(1, moves + 1):
@@ -231,22 +236,27 @@ class SupervisedRig:
             self._check_arrival(states, place)
             yield states
 
+    def go_back_to(self, targets: Mapping[str, float], step: float) -> None:
+        """Bring some axes out of contact as :meth:`go_to` does: too large a load on the way does not lead in again."""
+        self.path = []
+        for _ in self._moves(targets, step):
+            pass
+
     def withdraw(self, step: float) -> None:
-        """Go back along the way that the rig came, to where it set out, in axial moves of ``step`` or so."""
-        way, last = [], math.inf
-        for place in reversed(self.path):
-            if abs(place[self._axial] - last) >= step:
+        """Go back along the way that the rig came, to where it set out, in moves of ``step`` or so."""
+        way = self.path[-1:]
+        for place in reversed(self.path[:-1]):
+            if _farthest(place, way[-1]) >= step:
                 way.append(place)
-                last = place[self._axial]
         way += self.path[:1]
         for place in way:
-            self.go_to(place, step)
+            self.go_back_to(place, step)
 
     def send(self, targets: Mapping[str, float]) -> None:
         """Send some axes somewhere; returns when the controllers have taken it."""
         self._set_out(partial(self.rig.move_to, targets))
         before = self.path[-1] if self.path else {}
-        self.path.append({**before, **targets})
+        self._sent_to = {**before, **targets}
         longest_s = max(
             self.rig.axes[axis].moves_for_s(target - before.get(axis, target)) for axis, target in targets.items()
         )
@@ -270,7 +280,8 @@ class SupervisedRig:
         states = self._ask()
         while any(state.moving for state in states.values()) and self._is_time_to_ask(deadline_ns):
             states = self._ask()
-        self._check_arrival(states, self.path[-1])
+        self._check_arrival(states, self._sent_to)
+        self.path.append(self._targets(states))
         if not is_late:
             self._end_pace(duration_ns)
         return states
@@ -448,11 +459,14 @@ class SupervisedRig:
         """Draw back along the path while the load falls, and say how that went."""
         sensor, rig = self.rig.sensor, self.rig
         try:
-            here = self._targets(rig.state())
+            reached = here = self._targets(rig.state())
             load = before = self._load(sensor.latest())
-            reached = here
-            for place in _back(here, self.path, self._axial, self._retracts, self._retracts_by):
-                rig.move_to({axis: position for axis, position in place.items() if position != reached[axis]})
+            places = _back(here, self.path, self._retracts, self._retracts_by)
+            if not places:
+                return "not drawn back: no way is known that it came"
+            for place in places:
+                moved = {axis: position for axis, position in place.items() if position != reached[axis]}
+                rig.move_to({axis: self._within(axis, position) for axis, position in moved.items()})
                 if (fault := self._wait_while_drawn_back()) is not None:
                     return self._not_drawn_back(fault)
                 reached = place
@@ -464,8 +478,8 @@ class SupervisedRig:
                 load = now
         except NeuroroboError as error:
             return self._not_drawn_back(str(error))
-        distance = here[self._axial] - reached[self._axial]
-        return f"drawn back by {distance:.0f} um, the load fell from {before:.4g} to {load:.4g} mN"
+        distance_um = _farthest(here, reached)
+        return f"drawn back by {distance_um:.0f} um, the load fell from {before:.4g} to {load:.4g} mN"
 
     def _wait_while_drawn_back(self) -> str | None:
         """Wait until nothing moves; return what is wrong, if something is."""
@@ -500,24 +514,26 @@ def _trip_of(error: HardwareError) -> Trip:
     return Trip(error.device, error.fault, error.cure)
 
 
+def _farthest(place: Mapping[str, float], other: Mapping[str, float]) -> float:
+    """Return how far that axis goes which goes farthest from one place to another."""
+    return max((abs(other[axis] - place[axis]) for axis in place.keys() & other.keys()), default=0.0)
+
+
 def _back(
-    here: Mapping[str, float], path: Sequence[Mapping[str, float]], axial: str, distance: float, step: float
+    here: Mapping[str, float], path: Sequence[Mapping[str, float]], distance: float, step: float
 ) -> list[dict[str, float]]:
-    """Return the places along a path backwards from here, ``step`` apart along ``axial``, over ``distance`` at most."""
+    """Return places along a path backwards from here: no axis goes more than ``step`` between two, nor ``distance``."""
     places, at, left = [], dict(here), distance
     for place in reversed(path):
-        target = {**at, **place}
-        way = at[axial] - target[axial]
-        if way <= 0:
+        start, target = at, {**at, **place}
+        way = _farthest(start, target)
+        if way == 0:
             continue
         part = min(1.0, left / way)
-        steps = max(1, math.ceil(way * part / step))
-        start = dict(at)
+        steps = math.ceil(way * part / step)
         for i in range(1, steps + 1):
-            share = part * i / steps
-            at = {axis: start[axis] + (target[axis] - start[axis]) * share for axis in start}
+            at = {axis: start[axis] + (target[axis] - start[axis]) * part * i / steps for axis in start}
             places.append(at)
-        left -= way * part
-        if left <= 0:
+        if (left := left - way) <= 0:
             break
     return places

@@ -29,12 +29,11 @@ GAPS = 20
 class Moves:
     """A rig that moves, from ``with`` to its end, which stops it.
 
-    ``limit_mN`` is the largest load, from that at the beginning; ``along`` the axis whose way is gone back after a
-    larger one. Positions are in um and count from where episodes begin. All methods raise a SafetyError for whatever
-    stops the rig.
+    ``limit_mN`` is the largest load, from that at the beginning; after a larger one, the way is gone back. Positions
+    are in um and count from where episodes begin. All methods raise a SafetyError for whatever stops the rig.
     """
 
-    def __init__(self, commissioning: Commissioning, dialogue: Dialogue, limit_mN: float, along: str) -> None:
+    def __init__(self, commissioning: Commissioning, dialogue: Dialogue, limit_mN: float) -> None:
         """Prepare it; nothing is connected yet, and a rig that is latched is refused when it is."""
         assert commissioning.record.check is not None
         rig, self._dialogue = commissioning.config.build(), dialogue
@@ -48,7 +47,6 @@ class Moves:
             [ForceWatch("load", tuple(self.forces), Limits(stop=limit_mN, age_ns=age_ns))],
             overrun="skip",
             following_error=max(FOLLOWING_ERROR_UM, *(10 * axis.resolution for axis in rig.axes.values())),
-            axial=along,
             retracts=RETRACTS_UM,
             retracts_by=RETRACTS_BY_UM,
             load=self._load_mN,
@@ -107,6 +105,10 @@ class Moves:
     def go_to(self, targets: Mapping[str, float], step_um: float = LONGEST_MOVE_UM) -> None:
         """Bring axes somewhere, in moves of ``step_um`` at most; after too large a load, they go back along them."""
         self._rig.go_on_to(targets, step_um)
+
+    def go_back_to(self, targets: Mapping[str, float]) -> None:
+        """Bring axes out of contact; too large a load on the way only stops them."""
+        self._rig.go_back_to(targets, LONGEST_MOVE_UM)
 
     def free_run(self, axis: str, target_um: float) -> FreeRun:
         """Move an axis there and back, and once more half of the way, where it is stopped; it comes back at the end."""
