@@ -4,7 +4,7 @@ import math
 import threading
 import time
 from collections.abc import Callable, Iterator
-from itertools import pairwise
+from itertools import cycle, pairwise
 from pathlib import Path
 
 import pytest
@@ -20,6 +20,7 @@ from stage_hardware.stage import Axis
 from neurorobo.bodies.pacer import Overrun
 from neurorobo.safety.limits import Limits
 from neurorobo.safety.machine import Latch, SafetyError, SafetyMachine, SafetyState
+from tests.stage_hardware.rigs import until
 
 PERIOD_NS = 100_000_000
 STOP_MN, LATCH_MN = 100.0, 300.0
@@ -221,7 +222,7 @@ def test_a_sensor_that_fails_on_the_way_back_ends_it(bench: Bench) -> None:
 
     threading.Thread(target=fails, daemon=True).start()
     told = stopped(bench, bench.insert)
-    assert "not drawn back any further: no reading for" in told
+    assert "not drawn back any further: force sensor: no reading for" in told
 
 
 def test_a_load_beyond_the_latch_is_not_drawn_back_and_holds_for_the_next_run(bench: Bench, tmp_path: Path) -> None:
@@ -467,3 +468,68 @@ def test_no_step_of_the_way_back_is_too_long_nor_the_way(
     steps = [max(abs(b[axis] - a[axis]) for axis in a) for a, b in pairwise(way)]
     assert all(one <= step * (1 + 1e-9) for one in steps)
     assert sum(steps) <= distance * (1 + 1e-9)
+
+
+@pytest.mark.parametrize("reports", ["silence", "nan"])
+def test_without_a_load_to_trust_it_is_not_drawn_back_at_all(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch, reports: str
+) -> None:
+    rig = bench.ready()
+    bench.stiffness_mN_um = 5.0
+    wait = rig.watch.wait_until_all_stand
+    sent: list[object] = []
+
+    def fails() -> bool:
+        stand = wait()
+        if reports == "nan":
+            bench.push_mN = math.nan
+        else:
+            bench.sensor.silence_s, bench.sensor.silent = 0.01, True
+        time.sleep(0.05)
+        monkeypatch.setattr(bench.z, "move_to", sent.append)
+        return stand
+
+    monkeypatch.setattr(rig.watch, "wait_until_all_stand", fails)
+    with pytest.raises(SafetyError, match="not drawn back any further: force sensor: "):
+        bench.insert()
+    assert not sent
+
+
+def test_a_load_that_creeps_up_on_the_way_back_latches(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each step by less than what counts as a rise, and all together by more."""
+    rig = bench.ready()
+    rig.go_to({"z": 40.0}, 40.0)
+    moves = bench.z.move_to
+
+    def creeps(targets: dict[str, float]) -> None:
+        bench.push_mN += 2.0
+        moves(targets)
+
+    def pushes() -> None:
+        bench.push_mN = 130.0
+        until(lambda: bench.sensor.latest().values["Fx"] > 100.0)
+        monkeypatch.setattr(bench.z, "move_to", creeps)
+        rig.feel()
+
+    rig.path = [{"z": -50.0}, *rig.path]
+    assert "on the way back the load rose" in stopped(bench, pushes)
+
+
+def test_noise_where_nothing_is_touched_any_more_is_no_rise(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = bench.ready()
+    rig.path = [{"z": -50.0}, *rig.path]
+    moves = bench.z.move_to
+    noise = cycle([0.0, 4.0])
+
+    def rattles(targets: dict[str, float]) -> None:
+        bench.push_mN = next(noise)
+        moves(targets)
+
+    def pushes() -> None:
+        bench.push_mN = 130.0
+        until(lambda: bench.sensor.latest().values["Fx"] > 100.0)
+        monkeypatch.setattr(bench.z, "move_to", rattles)
+        rig.feel()
+
+    assert "drawn back by 50 um" in stopped(bench, pushes)
+    assert bench.latch.reason() is None

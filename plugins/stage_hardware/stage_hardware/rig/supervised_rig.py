@@ -30,6 +30,10 @@ TURNS_WITHIN_S = 10.0
 DRAWN_BACK_WITHIN_S = 2.0
 """How long a step of the way back may take."""
 
+RISES_BY_SHARE, RISES_BY_STEPS = 0.02, 5.0
+"""What of a rise of the load on the way back is none: this share of the least load so far, or these many steps of the
+sensor, as a load that is gone leaves noise."""
+
 GRACE_NS = 200_000_000
 """How much longer than a period a loop may say nothing before it is taken for dead."""
 
@@ -457,10 +461,11 @@ class SupervisedRig:
 
     def _retract(self) -> str:
         """Draw back along the path while the load falls, and say how that went."""
-        sensor, rig = self.rig.sensor, self.rig
+        rig = self.rig
+        rises_by = RISES_BY_STEPS * max(one.resolution for one in rig.sensor.components.values() if one.unit == "mN")
         try:
             reached = here = self._targets(rig.state())
-            load = before = self._load(sensor.latest())
+            load = least = before = self._load_to_trust()
             places = _back(here, self.path, self._retracts, self._retracts_by)
             if not places:
                 return "not drawn back: no way is known that it came"
@@ -469,25 +474,30 @@ class SupervisedRig:
                 rig.move_to({axis: self._within(axis, position) for axis, position in moved.items()})
                 if (fault := self._wait_while_drawn_back()) is not None:
                     return self._not_drawn_back(fault)
-                reached = place
-                now = self._load(sensor.latest())
-                if now > load + max(0.02 * load, 2.0):
-                    fault = f"on the way back the load rose from {load:.4g} to {now:.4g} mN"
+                reached, load = place, self._load_to_trust()
+                if load > least + max(RISES_BY_SHARE * least, rises_by):
+                    fault = f"on the way back the load rose from {least:.4g} to {load:.4g} mN"
                     self.machine.stop(Trip("retraction", fault, "look at the rig before you reset it", "latch"))
                     return self._not_drawn_back(fault)
-                load = now
+                least = min(least, load)
         except NeuroroboError as error:
             return self._not_drawn_back(str(error))
         distance_um = _farthest(here, reached)
         return f"drawn back by {distance_um:.0f} um, the load fell from {before:.4g} to {load:.4g} mN"
 
+    def _load_to_trust(self) -> float:
+        """Return the present load (mN); a HardwareError if the sensor does not tell it."""
+        reading = self.rig.sensor.latest()
+        load = self._load(reading)
+        if reading.fault is not None or not math.isfinite(load):
+            raise HardwareError(self.rig.sensor.name, reading.fault or f"reports {load} mN", "see to the sensor")
+        return load
+
     def _wait_while_drawn_back(self) -> str | None:
         """Wait until nothing moves; return what is wrong, if something is."""
         ends = time.monotonic() + DRAWN_BACK_WITHIN_S
         while True:
-            reading = self.rig.sensor.latest()
-            if reading.fault is not None:
-                return reading.fault
+            self._load_to_trust()
             if self.machine.state is SafetyState.LATCHED:
                 return f"on the way back, {self.machine.latch.reason()}"
             moving = [axis for axis, state in self.rig.state().items() if state.moving]
