@@ -533,3 +533,21 @@ def test_noise_where_nothing_is_touched_any_more_is_no_rise(bench: Bench, monkey
 
     assert "drawn back by 50 um" in stopped(bench, pushes)
     assert bench.latch.reason() is None
+
+
+def test_a_sensor_that_falls_silent_before_anybody_listens_stops_the_first_motion(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It has given the reading that it was started with, and gives none to the guards."""
+    watch = bench.sensor.watch
+
+    def too_late(watcher: Callable[[ForceReading], None]) -> None:
+        bench.sensor.silent = True
+        time.sleep(0.01)
+        watch(watcher)
+
+    monkeypatch.setattr(bench.sensor, "watch", too_late)
+    bench.machine.arm()
+    bench.rig.begin()
+    bench.z.mechanisms["z"].slowness = 1000.0
+    assert "force: its last reading is" in stopped(bench, lambda: bench.rig.home([["z"]]))

@@ -1,6 +1,7 @@
 """A rig under supervision: it moves only while nothing is wrong, keeps pace, and is stopped and drawn back."""
 
 import math
+import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
@@ -65,31 +66,40 @@ class ForceWatch:
         self._absolute = SensorGuard(f"{name}, from the sensor's own zero,", "mN", Limits(latch=limits.latch))
         self._free = SensorGuard(f"{name} where nothing is touched", "mN", Limits())
         self._last_ns: int | None = None
+        self._lock = threading.Lock()  # guards are for one thread, and are asked by several
 
     def free(self, limit_mN: float | None) -> None:
         """Let another limit hold as well where the load should be none, or no longer."""
         self._free.limits = Limits(stop=limit_mN)
 
+    def expect(self, since_ns: int) -> None:
+        """Expect readings from a time on: a sensor that never gives one grows old as well."""
+        self._last_ns = since_ns
+        self.forget()
+
     def forget(self) -> None:
         """Begin anew: after a bias, the load jumps. That the last reading grows old is not forgotten."""
-        self._guard.reset()
-        self._absolute.reset()
-        if self._last_ns is not None:
-            self._guard.check(Reading(self._last_ns, (0.0,)))
+        with self._lock:
+            self._guard.reset()
+            self._absolute.reset()
+            if self._last_ns is not None:
+                self._guard.check(Reading(self._last_ns, (), fault="none yet"))  # of which the age alone counts
 
     def check(self, reading: ForceReading) -> Trip | None:
         """Return what is wrong with a reading."""
-        self._last_ns = reading.time_ns
-        biased = tuple(reading.values[name] for name in self._components)
-        found = self._guard.check(Reading(reading.time_ns, biased, reading.sequence, reading.fault))
-        if found is None or found.reaction != "latch":
-            unbiased = tuple(reading.unbiased[name] for name in self._components)
-            found = self._absolute.check(Reading(reading.time_ns, unbiased)) or found
-        return found or self._free.check(Reading(reading.time_ns, biased))
+        with self._lock:
+            self._last_ns = reading.time_ns
+            biased = tuple(reading.values[name] for name in self._components)
+            found = self._guard.check(Reading(reading.time_ns, biased, reading.sequence, reading.fault))
+            if found is None or found.reaction != "latch":
+                unbiased = tuple(reading.unbiased[name] for name in self._components)
+                found = self._absolute.check(Reading(reading.time_ns, unbiased)) or found
+            return found or self._free.check(Reading(reading.time_ns, biased))
 
     def check_age(self, now_ns: int) -> Trip | None:
         """Return what is wrong if the last reading is too old."""
-        return self._guard.check_age(now_ns)
+        with self._lock:
+            return self._guard.check_age(now_ns)
 
 
 class SupervisedRig:
@@ -139,6 +149,8 @@ class SupervisedRig:
         try:
             self.rig.connect()
             self._is_open = True
+            for watch in self.force_watches:
+                watch.expect(time.monotonic_ns())
             self.rig.sensor.watch(self._felt)
             self.watch.start()
         except BaseException:
