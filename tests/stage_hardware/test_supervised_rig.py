@@ -4,6 +4,7 @@ import math
 import threading
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from itertools import cycle, pairwise
 from pathlib import Path
 
@@ -15,7 +16,7 @@ from stage_hardware.emulators.mock_stage import MockStage
 from stage_hardware.force_sensor import Component, ForceReading
 from stage_hardware.rig.rig import Frame, Rig
 from stage_hardware.rig.supervised_rig import ForceWatch, SupervisedRig, _back
-from stage_hardware.stage import Axis
+from stage_hardware.stage import Axis, StageState
 
 from neurorobo.bodies.pacer import Overrun
 from neurorobo.safety.limits import Limits
@@ -551,3 +552,36 @@ def test_a_sensor_that_falls_silent_before_anybody_listens_stops_the_first_motio
     bench.rig.begin()
     bench.z.mechanisms["z"].slowness = 1000.0
     assert "force: its last reading is" in stopped(bench, lambda: bench.rig.home([["z"]]))
+
+
+def test_an_axis_that_reports_no_number_stops_all(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No comparison with it holds, so that it would pass for one that has arrived."""
+    bench.ready()
+    ask = bench.z.state
+
+    def broken() -> StageState:
+        state = ask()
+        return replace(state, axes={"z": replace(state.axes["z"], position=math.nan)})
+
+    monkeypatch.setattr(bench.z, "state", broken)
+    assert "elevator: axis z reports the position nan; see to line" in stopped(bench, bench.insert)
+
+
+def test_no_axis_sets_out_if_one_would_go_beyond_its_travel(bench: Bench) -> None:
+    rig = bench.ready()
+    assert "table: axis x would go to 2050 um" in stopped(bench, lambda: rig.send({"z": 500.0, "x": 2000.0}))
+    assert bench.depth_um == pytest.approx(0.0)
+
+
+def test_a_device_that_cannot_be_closed_leaves_no_other_open(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = bench.ready()
+
+    def fails() -> None:
+        raise OSError("the port is gone")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(bench.z, "close", fails)
+        with pytest.raises(OSError, match="the port is gone"):
+            rig.close()
+    assert not bench.x._connected
+    assert not bench.sensor.latest().valid

@@ -1,7 +1,9 @@
 """A rig: axes of several controllers under names of their own, and a force sensor."""
 
+import math
 import time
 from collections.abc import Collection, Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Self
@@ -54,10 +56,11 @@ class Rig:
             raise
 
     def close(self) -> None:
-        """Close all; safe to call at any time, and twice."""
-        self.sensor.stop()
-        for stage in self.stages.values():
-            stage.close()
+        """Close all, whatever becomes of one of them; safe to call at any time, and twice."""
+        with ExitStack() as closing:
+            for stage in self.stages.values():
+                closing.callback(stage.close)
+            closing.callback(self.sensor.stop)
 
     def limits(self, axis: str) -> tuple[float, float]:
         """Return the least and the largest position of an axis."""
@@ -65,14 +68,16 @@ class Rig:
         return min(ends), max(ends)
 
     def move_to(self, targets: Mapping[str, float]) -> None:
-        """Begin to move some axes; those of one controller in one command."""
+        """Begin to move some axes; those of one controller in one command, and none if a target is beyond its limits."""
+        own = {axis: self.frames[axis].to_axis(target) for axis, target in targets.items()}
+        for axis, target in own.items():
+            can = self.axes[axis]
+            if not can.lo <= target <= can.hi:
+                fault = f"axis {axis} would go to {target:g} {can.unit} of its own"
+                cure = f"stay within {can.lo:g}..{can.hi:g} {can.unit}"
+                raise HardwareError(self.controller_of[axis], fault, cure)
         for name, stage in self.stages.items():
-            of_stage = {
-                axis: self.frames[axis].to_axis(target)
-                for axis, target in targets.items()
-                if self.controller_of[axis] == name
-            }
-            if of_stage:
+            if of_stage := {axis: target for axis, target in own.items() if self.controller_of[axis] == name}:
                 stage.move_to(of_stage)
 
     def home(self, axes: Collection[str]) -> None:
@@ -82,7 +87,10 @@ class Rig:
                 stage.home(of_stage)
 
     def state(self) -> dict[str, AxisState]:
-        """Ask all controllers how their axes are, with positions in the rig's frame; a HardwareError for a fault."""
+        """Ask all controllers how their axes are, with positions in the rig's frame.
+
+        Raises a HardwareError for a fault, and for a position that is none.
+        """
         states = {}
         for name, stage in self.stages.items():
             state = stage.state()
@@ -90,6 +98,8 @@ class Rig:
                 raise HardwareError(name, state.fault, "see to it, then home its axes")
             for axis, one in state.axes.items():
                 position = self.frames[axis].to_rig(one.position)
+                if not math.isfinite(position):
+                    raise HardwareError(name, f"axis {axis} reports the position {position}", "see to line and encoder")
                 states[axis] = AxisState(position, one.moving, one.referenced, one.at_lower_limit, one.at_upper_limit)
         return states
 
