@@ -236,3 +236,14 @@ def test_slopes_and_their_errors_are_those_of_least_squares() -> None:
     assert slopes == pytest.approx([expected.slope, -1.0])
     _, covariance = np.polyfit(x, y[:, 0], 1, cov=True)
     assert errors == pytest.approx([covariance[0, 0] ** 0.5, 0.0])
+
+
+def test_what_no_component_follows_any_more_is_not_believed_from_before(tmp_path: Path, emulated: EmulatedRig) -> None:
+    call(tmp_path, "check")
+    call(tmp_path, "home", *LIMIT)
+    assert "x: Fy follows it" in call(tmp_path, "identify", *TOUCH, "--amplitude", "15um").output
+    told = call(tmp_path, "identify", *TOUCH, "--amplitude", "0.1um").output
+    assert "x: no component follows it" in told
+    identified = Commissioning(tmp_path / "rig.yaml", registry()).record.identify
+    assert identified is not None
+    assert not identified.responses

@@ -58,7 +58,10 @@ def identify(
             _tell(dialogue, axis, done.axes[axis], moves.axes[axis].speed)
         if touch is not None:
             felt = _feel(moves, dialogue, wanted, touch, amplitude_um, times)
-            done.responses.update(_assigned(felt))
+            found = _assigned(felt)
+            taken = {one.component for one in found.values()}
+            others = {axis: one for axis, one in done.responses.items() if axis not in wanted}
+            done.responses = {axis: one for axis, one in others.items() if one.component not in taken} | found
             commissioning.save()
             for axis in wanted:
                 _tell_response(dialogue, axis, done.responses.get(axis))
