@@ -247,3 +247,14 @@ def test_what_no_component_follows_any_more_is_not_believed_from_before(tmp_path
     identified = Commissioning(tmp_path / "rig.yaml", registry()).record.identify
     assert identified is not None
     assert not identified.responses
+
+
+def test_a_load_that_is_there_already_is_no_contact(tmp_path: Path) -> None:
+    near = {"physics": {**WALL["physics"], "at": "-100 um"}}
+    with EmulatedRig(loaded(tmp_path, rig("pi_gcs", emulate=near))) as running:
+        written(tmp_path, running.config.dump())
+        call(tmp_path, "check")
+        call(tmp_path, "home", *LIMIT)
+        call(tmp_path, "identify", "--axis", "y")
+        assert "x: the load is 200 mN before it is moved" in refused(tmp_path, "calibrate", *TOUCH)
+    assert not (tmp_path / "rig.calibrated.yaml").exists()

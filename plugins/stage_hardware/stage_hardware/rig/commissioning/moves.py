@@ -7,6 +7,7 @@ from typing import Self
 
 import numpy as np
 
+from neurorobo.errors import NeuroroboError
 from neurorobo.safety.limits import Limits
 from neurorobo.safety.machine import Latch, SafetyError, SafetyMachine
 from stage_hardware.force_sensor import ForceReading
@@ -136,14 +137,22 @@ class Moves:
         )
 
     def touch(self, axis: str, load_mN: float, within_um: float, step_um: float) -> float | None:
-        """Move an axis in small steps until the load is as large, and return where; None if it never was."""
+        """Move an axis in small steps until the load is as large, and return where; None if it never was.
+
+        Raises a NeuroroboError if the load is as large before anything has moved: where it came from is not known.
+        """
+        if (load_now_mN := self.load_mN()) >= load_mN:
+            raise NeuroroboError(
+                f"{axis}: the load is {load_now_mN:.3g} mN before it is moved, of {load_mN:.4g} mN that count as "
+                "contact; begin where nothing is touched (`start` in the rig file), or take more for contact (`--until`)"
+            )
         start_um, at_um = self.positions_um()[axis], 0.0
-        while self.load_mN() < load_mN:
-            if at_um >= within_um:
-                return None
+        while at_um < within_um:
             at_um = min(at_um + step_um, within_um)
             self.go_to({axis: start_um + at_um}, step_um)
-        return self.positions_um()[axis]
+            if self.load_mN() >= load_mN:
+                return self.positions_um()[axis]
+        return None
 
     def responses(self, axis: str, amplitude_um: float, times: int) -> dict[str, Response]:
         """Move an axis to and fro about where it is, and return how each component of the force follows it."""
