@@ -11,15 +11,16 @@ import pytest
 import yaml
 from click.testing import CliRunner, Result
 from stage_hardware.rig.commissioning.command import rig as command
-from stage_hardware.rig.commissioning.moves import _lines, _speed_um_s
-from stage_hardware.rig.commissioning.record import Commissioning
+from stage_hardware.rig.commissioning.dialogue import Dialogue
+from stage_hardware.rig.commissioning.moves import Moves, _lines, _speed_um_s
+from stage_hardware.rig.commissioning.record import Check, Commissioning
 from stage_hardware.rig.emulated_rig import EmulatedRig
 from stage_hardware.rig.rig_config import load_rig
 
 from neurorobo.errors import NeuroroboError
 from neurorobo.safety.guard import Trip
 from neurorobo.safety.machine import Latch
-from tests.stage_hardware.rigs import WALL, loaded, registry, rig, written
+from tests.stage_hardware.rigs import SENSOR, WALL, loaded, registry, rig, written
 
 WALL_UM, STIFFNESS_MN_UM = 1000.0, -2.0
 LIMIT = ("--limit", "500 mN")
@@ -258,3 +259,19 @@ def test_a_load_that_is_there_already_is_no_contact(tmp_path: Path) -> None:
         call(tmp_path, "identify", "--axis", "y")
         assert "x: the load is 200 mN before it is moved" in refused(tmp_path, "calibrate", *TOUCH)
     assert not (tmp_path / "rig.calibrated.yaml").exists()
+
+
+def test_a_rig_that_cannot_be_stopped_at_ctrl_c_is_told_of(tmp_path: Path) -> None:
+    mock = {"type": "stages.mock_force_sensor", "bias_readings": 1}
+    with EmulatedRig(loaded(tmp_path, rig("mock_stage", force_sensor={**SENSOR, **mock}))) as emulated:
+        commissioning = Commissioning(written(tmp_path, emulated.config.dump()), registry())
+        commissioning.config = emulated.config
+        commissioning.record.check = Check(
+            answers_after_ms={}, sensor_rate_Hz=1000, sensor_gap_ms=50, offset={}, noise={}
+        )
+        said: list[str] = []
+        dialogue = Dialogue(said.append, lambda _: True, lambda _: "")
+        with pytest.raises(KeyboardInterrupt), Moves(commissioning, dialogue, 500.0):
+            emulated.controllers["controller_0"].emulator.unplugged = True
+            raise KeyboardInterrupt
+    assert "cut its power: controller_0: " in said[-1]

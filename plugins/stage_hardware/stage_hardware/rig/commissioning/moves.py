@@ -65,12 +65,13 @@ class Moves:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None) -> None:
-        """Stop, and let go; what the stop has to say is not to hide why it came to it."""
+        """Stop, and let go; what the stop has to say is said, and does not hide why it came to it."""
         try:
             self._rig.close()
-        except SafetyError:
+        except SafetyError as stopped:
             if error is None:
                 raise
+            self._dialogue.say(str(stopped))
 
     def ask(self, question: str) -> None:
         """Rest, and raise a DeclinedError unless a person agrees to go on."""
