@@ -44,7 +44,8 @@ def emulated(tmp_path: Path) -> Iterator[EmulatedRig]:
 
 
 def call(folder: Path, step: str, *arguments: str, typed: str | None = None) -> Result:
-    arguments = (step, str(folder / "rig.yaml"), *arguments, *(("--yes",) if typed is None and step != "check" else ()))
+    agrees = ("--yes",) if typed is None and step not in ("check", "reset") else ()
+    arguments = (step, str(folder / "rig.yaml"), *arguments, *agrees)
     return CliRunner().invoke(command, list(arguments), input=typed, catch_exceptions=False)
 
 
@@ -187,6 +188,8 @@ def test_a_latched_rig_stays_so_until_a_person_resets_it(tmp_path: Path, emulate
     assert "neurorobo rig reset" in refused(tmp_path, "home", *LIMIT)
     assert "stays latched" in call(tmp_path, "reset", typed="n\n").output
     refused(tmp_path, "home", *LIMIT)
+    assert "nobody to answer" in refused(tmp_path, "reset", typed="")
+    assert "No such option" in call(tmp_path, "reset", "--yes").output
     assert "9 N, of 3 N allowed" in call(tmp_path, "reset", typed="y\n").output
     assert "not latched" in call(tmp_path, "reset").output
     call(tmp_path, "home", *LIMIT)
