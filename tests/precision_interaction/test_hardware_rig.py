@@ -86,7 +86,7 @@ def test_there_is_one_rig() -> None:
 def test_a_latch_outlives_the_process_that_set_it(tmp_path: Path) -> None:
     rig = tmp_path / "rig.yaml"
     rig.write_text(RIG.read_text())
-    rig.with_suffix(".latch.json").write_text('{"place": "force", "fault": "4 N", "since": "yesterday"}')
+    (tmp_path / "pi_venus.latch.json").write_text('{"place": "force", "fault": "4 N", "since": "yesterday"}')
     with pytest.raises(SafetyError, match="it is latched: force: 4 N, yesterday"):
         HardwareRig(config(rig)).arm()
 

@@ -183,7 +183,7 @@ def test_a_sensor_that_is_loaded_already_is_refused(tmp_path: Path) -> None:
 
 def test_a_latched_rig_stays_so_until_a_person_resets_it(tmp_path: Path, emulated: EmulatedRig) -> None:
     call(tmp_path, "check")
-    Latch(tmp_path / "rig.latch.json").set(Trip("force", "9 N, of 3 N allowed", "look at it", "latch"))
+    Latch(tmp_path / "bench.latch.json").set(Trip("force", "9 N, of 3 N allowed", "look at it", "latch"))
     assert "9 N, of 3 N allowed" in call(tmp_path, "check").output
     assert "neurorobo rig reset" in refused(tmp_path, "home", *LIMIT)
     assert "stays latched" in call(tmp_path, "reset", typed="n\n").output
@@ -278,3 +278,12 @@ def test_a_rig_that_cannot_be_stopped_at_ctrl_c_is_told_of(tmp_path: Path) -> No
             emulated.controllers["controller_0"].emulator.unplugged = True
             raise KeyboardInterrupt
     assert "cut its power: controller_0: " in said[-1]
+
+
+def test_a_latch_holds_for_every_file_of_the_rig(tmp_path: Path, emulated: EmulatedRig) -> None:
+    """A calibration writes another file of the same rig: what has latched the one must not move by the other."""
+    call(tmp_path, "check")
+    calibrated = tmp_path / "rig.calibrated.yaml"
+    calibrated.write_text((tmp_path / "rig.yaml").read_text())
+    Latch(Commissioning(calibrated, registry()).latch).set(Trip("force", "9 N, of 3 N allowed", "look at it", "latch"))
+    assert "it is latched" in refused(tmp_path, "home", *LIMIT)

@@ -40,7 +40,7 @@ class HardwareRig(InsertionBody):
         super().__init__(config)
         self._rig_config = load_rig(config.rig)
         self._check(self._rig_config)
-        self._machine = SafetyMachine(Latch(Path(config.rig).with_suffix(".latch.json")))
+        self._machine = SafetyMachine(Latch(self._rig_config.latch_file(Path(config.rig))))
         self._supervised: SupervisedRig | None = None
         self._rehearsal = ExitStack()
         self._axial_force_mN, self._paced = 0.0, False
