@@ -63,6 +63,8 @@ class HardwareRigConfig(InsertionBodyConfig):
             )
         if len({self.axial, *self.radial}) < 3:
             raise ValueError("`axial` and `radial` name three axes")
+        if len({self.axial_force, *self.force}) < 3:
+            raise ValueError("`axial_force` and `force` name three components")
         return self
 
     def sensors(self) -> dict[str, Sensor]:
