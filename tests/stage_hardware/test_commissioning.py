@@ -201,6 +201,7 @@ def test_a_latched_rig_stays_so_until_a_person_resets_it(tmp_path: Path, emulate
         (("home",), "Missing option '--limit'"),
         (("home", "--limit", "5 um"), "--limit 5 um"),
         (("home", "--limit", "0 N"), "greater than 0"),
+        (("home", "--limit", "18 N"), "the sensor tells 18000 mN at most"),
         (("home", *LIMIT, "--axis", "u"), "no axis `u`"),
         (("identify", "--touch", "x", "--until", "400 mN", *LIMIT), "too near to the limit"),
     ],

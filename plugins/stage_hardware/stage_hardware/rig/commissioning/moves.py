@@ -35,11 +35,20 @@ class Moves:
     """
 
     def __init__(self, commissioning: Commissioning, dialogue: Dialogue, limit_mN: float) -> None:
-        """Prepare it; nothing is connected yet, and a rig that is latched is refused when it is."""
+        """Prepare it; nothing is connected yet, and a rig that is latched is refused when it is.
+
+        Raises a NeuroroboError for a limit that the sensor cannot tell.
+        """
         assert commissioning.record.check is not None
         rig, self._dialogue = commissioning.config.build(), dialogue
         self.axes = rig.axes
         self.forces = {name: one for name, one in rig.sensor.components.items() if one.unit == "mN"}
+        largest_mN = min(one.largest for one in self.forces.values())
+        if limit_mN >= largest_mN:
+            raise NeuroroboError(
+                f"a load of {limit_mN:g} mN would never be seen, as the sensor tells {largest_mN:g} mN at most; lower "
+                "`--limit`"
+            )
         age_ns = round(max(100.0, GAPS * commissioning.record.check.sensor_gap_ms) * 1e6)
         self._machine = SafetyMachine(Latch(commissioning.latch))
         self._rig = SupervisedRig(
