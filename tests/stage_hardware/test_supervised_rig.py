@@ -585,3 +585,20 @@ def test_a_device_that_cannot_be_closed_leaves_no_other_open(bench: Bench, monke
             rig.close()
     assert not bench.x._connected
     assert not bench.sensor.latest().valid
+
+
+def test_a_load_that_is_there_when_it_connects_stops_what_then_is_said_to_stand(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    start = bench.rig.watch.start
+
+    def slow() -> None:
+        time.sleep(0.05)
+        start()
+
+    monkeypatch.setattr(bench.rig.watch, "start", slow)
+    bench.push_mN = 150.0
+    bench.machine.arm()
+    bench.rig.begin()
+    until(lambda: bench.machine.trip is not None)
+    assert "all axes were stopped and stand" in stopped(bench, lambda: bench.rig.home([["z"]]))

@@ -151,8 +151,8 @@ class SupervisedRig:
             self._is_open = True
             for watch in self.force_watches:
                 watch.expect(time.monotonic_ns())
-            self.rig.sensor.watch(self._felt)
             self.watch.start()
+            self.rig.sensor.watch(self._felt)  # whose first reading may trip already
         except BaseException:
             self.close()
             raise
