@@ -602,3 +602,19 @@ def test_a_load_that_is_there_when_it_connects_stops_what_then_is_said_to_stand(
     bench.rig.begin()
     until(lambda: bench.machine.trip is not None)
     assert "all axes were stopped and stand" in stopped(bench, lambda: bench.rig.home([["z"]]))
+
+
+def test_a_mistake_in_a_driver_does_not_keep_the_other_from_being_stopped(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rig = bench.ready()
+    bench.x.mechanisms["x"].slowness = 1000.0
+    rig.send({"x": 1000.0})
+
+    def fails() -> None:
+        raise KeyError("a mistake")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(bench.z, "stop", fails)
+        told = stopped(bench, rig.halt)
+    assert "cut its power: elevator: KeyError('a mistake')" in told

@@ -175,14 +175,15 @@ class SupervisedRig:
             raise self._stopped()
         if not self._is_open or self.machine.state is not SafetyState.RUNNING:
             return
-        errors = []
-        for stage in self.rig.stages.values():
+        trips = []
+        for name, stage in self.rig.stages.items():
             try:
                 stage.stop()
-            except HardwareError as error:
-                errors.append(error)
-        if errors:
-            self.watch.trip(_trip_of(errors[0]))
+            except Exception as error:  # whatever fails, the others have to be stopped
+                cure = "see to it before the next run"
+                trips.append(_trip_of(error) if isinstance(error, HardwareError) else Trip(name, repr(error), cure))
+        if trips:
+            self.watch.trip(trips[0])
             raise self._stopped()
         self._call(lambda: self.rig.wait_until_at_rest(2.0))
         self.machine.rest()
