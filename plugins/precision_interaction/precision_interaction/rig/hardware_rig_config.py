@@ -17,7 +17,9 @@ class Retraction(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
-    distance: Annotated[float, Unit("um", gt=0)] = Field(default=200.0, description="Axially, at most.")
+    distance: Annotated[float, Unit("um", gt=0)] = Field(
+        default=200.0, description="Of the axis that goes farthest, at most."
+    )
     step: Annotated[float, Unit("um", gt=0)] = Field(
         default=20.0, description="After each step of this length, the force must have fallen."
     )
