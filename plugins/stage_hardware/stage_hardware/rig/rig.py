@@ -68,7 +68,7 @@ class Rig:
         return min(ends), max(ends)
 
     def move_to(self, targets: Mapping[str, float]) -> None:
-        """Begin to move some axes; those of one controller in one command, and none if a target is beyond its limits."""
+        """Begin to move some axes; those of one controller in one command, none if a target is beyond limits."""
         own = {axis: self.frames[axis].to_axis(target) for axis, target in targets.items()}
         for axis, target in own.items():
             can = self.axes[axis]

@@ -110,7 +110,7 @@ class RigConfig(_Strict):
         return {name: axis.frame for stage in self.controllers.values() for name, axis in stage.axes.items()}
 
     def latch_file(self, path: Path) -> Path:
-        """Return where the latch is kept of the rig that ``path`` describes: by its name, as several files may do so."""
+        """Return where the latch of the rig is kept that ``path`` describes: by name, as several files may do so."""
         return path.with_name(f"{self.name}.latch.json")
 
     def build(self) -> Rig:
