@@ -433,6 +433,7 @@ def test_what_was_sent_down_and_met_something_is_not_sent_on(bench: Bench) -> No
 
 def test_too_large_a_load_on_the_way_to_the_start_draws_back_too(bench: Bench) -> None:
     rig = bench.ready()
+    rig.path.clear()  # as after a search for the origins
     bench.stiffness_mN_um = 5.0
     told = stopped(bench, lambda: rig.go_to({"z": 85.0}, 10.0))
     assert "drawn back by 60 um" in told

@@ -154,7 +154,7 @@ class Moves:
         if (load_now_mN := self.load_mN()) >= load_mN:
             raise NeuroroboError(
                 f"{axis}: the load is {load_now_mN:.3g} mN before it is moved, of {load_mN:.4g} mN that count as "
-                "contact; begin where nothing is touched (`start` in the rig file), or take more for contact (`--until`)"
+                "contact; begin where nothing is touched (`start` in the rig file), or raise `--until`"
             )
         start_um, at_um = self.positions_um()[axis], 0.0
         while at_um < within_um:
