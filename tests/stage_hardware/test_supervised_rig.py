@@ -190,7 +190,7 @@ def test_after_too_large_a_force_it_is_drawn_back_while_the_force_falls(bench: B
     bench.stiffness_mN_um = 5.0
     told = stopped(bench, bench.insert)
     assert "force: " in told and "of 100 mN allowed" in told
-    assert "drawn back by 60 um, the load fell from" in told
+    assert "drawn back by 60 um, the load went from" in told
     assert bench.depth_um < 50.0  # it was stopped some 20 um beyond
     assert bench.latch.reason() is None
 

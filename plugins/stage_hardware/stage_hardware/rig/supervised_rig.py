@@ -496,7 +496,7 @@ class SupervisedRig:
         except NeuroroboError as error:
             return self._not_drawn_back(str(error))
         distance_um = _farthest(here, reached)
-        return f"drawn back by {distance_um:.0f} um, the load fell from {before:.4g} to {load:.4g} mN"
+        return f"drawn back by {distance_um:.0f} um, the load went from {before:.4g} to {load:.4g} mN"
 
     def _load_to_trust(self) -> float:
         """Return the present load (mN); a HardwareError if the sensor does not tell it."""
