@@ -619,3 +619,21 @@ def test_a_mistake_in_a_driver_does_not_keep_the_other_from_being_stopped(
         patched.setattr(bench.z, "stop", fails)
         told = stopped(bench, rig.halt)
     assert "cut its power: elevator: KeyError('a mistake')" in told
+
+
+def test_ctrl_c_on_the_way_back_leaves_nothing_under_way(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = bench.ready()
+    rig.path = [{"z": -50.0}, *rig.path]
+    moves = bench.z.move_to
+
+    def interrupted(targets: dict[str, float]) -> None:
+        bench.z.mechanisms["z"].slowness = 1000.0
+        moves(targets)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(bench.z, "move_to", interrupted)
+    bench.push_mN = 150.0
+    until(lambda: bench.machine.trip is not None)
+    with pytest.raises(KeyboardInterrupt):
+        rig.feel()
+    assert bench.stands()

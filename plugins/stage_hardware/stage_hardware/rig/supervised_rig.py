@@ -495,6 +495,9 @@ class SupervisedRig:
                 least = min(least, load)
         except NeuroroboError as error:
             return self._not_drawn_back(str(error))
+        except BaseException:  # such as Ctrl-C: what has just set out is not left under way
+            self.watch.stop_again()
+            raise
         distance_um = _farthest(here, reached)
         return f"drawn back by {distance_um:.0f} um, the load went from {before:.4g} to {load:.4g} mN"
 
