@@ -342,7 +342,7 @@ class _Run:
         device = {"force_sensor": "force", "load": "force", "brain": "deadline"}.get(case.device, case.device)
         self._expect(device in error, f"does not name {device}")
         self._expect(";" in error, "names no cure")
-        latched = (self.folder / "rig.latch.json").exists()
+        latched = (self.folder / f"{case.rig}.latch.json").exists()
         self._expect(latched or case.expected not in ("latch", "unreachable"), "is not latched")
         if case.expected == "unreachable":
             self._expect("cut" in error and "power" in error, "does not say to cut the power")

@@ -49,7 +49,8 @@ class SafetyWatch:
         """From the first trip until each mover was sent its stop, and until it was seen to stand."""
         self._ends, self._stop, self._stands = threading.Event(), threading.Event(), threading.Event()
         self._left = 0
-        self._failed: set[str] = set()  # movers that are not known to stand
+        self.faults: dict[str, str] = {}
+        """Movers that are not known to stand after a stop, and why."""
         self._lock = threading.Lock()
         self._threads: list[threading.Thread] = []
 
@@ -86,7 +87,7 @@ class SafetyWatch:
         """Stop all movers once more after a trip, as they have been moved since; return whether all stand."""
         self._stands.clear()
         self._await_stop()
-        return self.wait_until_all_stand() and not self._failed
+        return self.wait_until_all_stand() and not self.faults
 
     def _begin_stop(self) -> None:
         self.tripped_ns = time.monotonic_ns()
@@ -94,7 +95,7 @@ class SafetyWatch:
 
     def _await_stop(self) -> None:
         """Let a thread for each mover wait for the stop."""
-        self._left, self._failed = len(self.movers), set()
+        self._left, self.faults = len(self.movers), {}
         threads = [
             threading.Thread(target=self._stand, args=(name, mover), name=f"stop {name}", daemon=True)
             for name, mover in self.movers.items()
@@ -141,7 +142,7 @@ class SafetyWatch:
         if stands:
             self._note(self.stood_ms, name)
         else:
-            self._failed.add(name)
+            self.faults[name] = fault
             cure = "cut its power now, then look at the rig before you reset it"
             self.machine.stop(Trip(name, f"after a stop, {fault}", cure, "latch"))
         with self._lock:

@@ -60,6 +60,11 @@ def test_limits_that_are_not_set_are_refused(missing: str) -> None:
         ({"force": ["Fa", "Fy"]}, "the sensor has no component `Fa`"),
         ({"length": "60 mm"}, "axis `z` can go -5000..35000 um and would go 0..60000 um"),
         ({"max_speed": "5 mm/s"}, "axis `z` moves at 1000 um/s; lower `max_speed`"),
+        ({"force": ["Tx", "Fy"]}, "the sensor's component `Tx` is in mN*m, and is no force"),
+        (
+            {"safety": {"force": {**SAFETY["force"], "latch": "20 N"}}},
+            "`safety.force.latch` of 20000 mN would never be seen, as the sensor tells 18000 mN at most; lower it",
+        ),
     ],
 )
 def test_a_rig_that_cannot_do_it_is_refused_before_anything_is_connected(
@@ -86,7 +91,7 @@ def test_there_is_one_rig() -> None:
 def test_a_latch_outlives_the_process_that_set_it(tmp_path: Path) -> None:
     rig = tmp_path / "rig.yaml"
     rig.write_text(RIG.read_text())
-    rig.with_suffix(".latch.json").write_text('{"place": "force", "fault": "4 N", "since": "yesterday"}')
+    (tmp_path / "pi_venus.latch.json").write_text('{"place": "force", "fault": "4 N", "since": "yesterday"}')
     with pytest.raises(SafetyError, match="it is latched: force: 4 N, yesterday"):
         HardwareRig(config(rig)).arm()
 
@@ -131,3 +136,8 @@ def test_a_dry_run_touches_no_device_and_shows_what_would_be_sent(capfd: pytest.
     shown = capfd.readouterr().err
     assert "axial" in shown and "MOV 1 5.05" in shown  # mm: 50 um beyond the start
     assert "radial" in shown
+
+
+def test_what_is_felt_across_and_along_is_not_the_same() -> None:
+    with pytest.raises(ValueError, match="`axial_force` and `force` name three components"):
+        config(RIG, force=["Fx", "Fz"])

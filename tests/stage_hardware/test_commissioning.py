@@ -11,15 +11,16 @@ import pytest
 import yaml
 from click.testing import CliRunner, Result
 from stage_hardware.rig.commissioning.command import rig as command
-from stage_hardware.rig.commissioning.moves import _lines, _speed_um_s
-from stage_hardware.rig.commissioning.record import Commissioning
+from stage_hardware.rig.commissioning.dialogue import Dialogue
+from stage_hardware.rig.commissioning.moves import Moves, _lines, _speed_um_s
+from stage_hardware.rig.commissioning.record import Check, Commissioning
 from stage_hardware.rig.emulated_rig import EmulatedRig
 from stage_hardware.rig.rig_config import load_rig
 
 from neurorobo.errors import NeuroroboError
 from neurorobo.safety.guard import Trip
 from neurorobo.safety.machine import Latch
-from tests.stage_hardware.rigs import WALL, loaded, registry, rig, written
+from tests.stage_hardware.rigs import SENSOR, WALL, loaded, registry, rig, written
 
 WALL_UM, STIFFNESS_MN_UM = 1000.0, -2.0
 LIMIT = ("--limit", "500 mN")
@@ -43,7 +44,8 @@ def emulated(tmp_path: Path) -> Iterator[EmulatedRig]:
 
 
 def call(folder: Path, step: str, *arguments: str, typed: str | None = None) -> Result:
-    arguments = (step, str(folder / "rig.yaml"), *arguments, *(("--yes",) if typed is None and step != "check" else ()))
+    agrees = ("--yes",) if typed is None and step not in ("check", "reset") else ()
+    arguments = (step, str(folder / "rig.yaml"), *arguments, *agrees)
     return CliRunner().invoke(command, list(arguments), input=typed, catch_exceptions=False)
 
 
@@ -181,11 +183,13 @@ def test_a_sensor_that_is_loaded_already_is_refused(tmp_path: Path) -> None:
 
 def test_a_latched_rig_stays_so_until_a_person_resets_it(tmp_path: Path, emulated: EmulatedRig) -> None:
     call(tmp_path, "check")
-    Latch(tmp_path / "rig.latch.json").set(Trip("force", "9 N, of 3 N allowed", "look at it", "latch"))
+    Latch(tmp_path / "bench.latch.json").set(Trip("force", "9 N, of 3 N allowed", "look at it", "latch"))
     assert "9 N, of 3 N allowed" in call(tmp_path, "check").output
     assert "neurorobo rig reset" in refused(tmp_path, "home", *LIMIT)
     assert "stays latched" in call(tmp_path, "reset", typed="n\n").output
     refused(tmp_path, "home", *LIMIT)
+    assert "nobody to answer" in refused(tmp_path, "reset", typed="")
+    assert "No such option" in call(tmp_path, "reset", "--yes").output
     assert "9 N, of 3 N allowed" in call(tmp_path, "reset", typed="y\n").output
     assert "not latched" in call(tmp_path, "reset").output
     call(tmp_path, "home", *LIMIT)
@@ -197,6 +201,7 @@ def test_a_latched_rig_stays_so_until_a_person_resets_it(tmp_path: Path, emulate
         (("home",), "Missing option '--limit'"),
         (("home", "--limit", "5 um"), "--limit 5 um"),
         (("home", "--limit", "0 N"), "greater than 0"),
+        (("home", "--limit", "18 N"), "the sensor tells 18000 mN at most"),
         (("home", *LIMIT, "--axis", "u"), "no axis `u`"),
         (("identify", "--touch", "x", "--until", "400 mN", *LIMIT), "too near to the limit"),
     ],
@@ -236,3 +241,50 @@ def test_slopes_and_their_errors_are_those_of_least_squares() -> None:
     assert slopes == pytest.approx([expected.slope, -1.0])
     _, covariance = np.polyfit(x, y[:, 0], 1, cov=True)
     assert errors == pytest.approx([covariance[0, 0] ** 0.5, 0.0])
+
+
+def test_what_no_component_follows_any_more_is_not_believed_from_before(tmp_path: Path, emulated: EmulatedRig) -> None:
+    call(tmp_path, "check")
+    call(tmp_path, "home", *LIMIT)
+    assert "x: Fy follows it" in call(tmp_path, "identify", *TOUCH, "--amplitude", "15um").output
+    told = call(tmp_path, "identify", *TOUCH, "--amplitude", "0.1um").output
+    assert "x: no component follows it" in told
+    identified = Commissioning(tmp_path / "rig.yaml", registry()).record.identify
+    assert identified is not None
+    assert not identified.responses
+
+
+def test_a_load_that_is_there_already_is_no_contact(tmp_path: Path) -> None:
+    near = {"physics": {**WALL["physics"], "at": "-100 um"}}
+    with EmulatedRig(loaded(tmp_path, rig("pi_gcs", emulate=near))) as running:
+        written(tmp_path, running.config.dump())
+        call(tmp_path, "check")
+        call(tmp_path, "home", *LIMIT)
+        call(tmp_path, "identify", "--axis", "y")
+        assert "x: the load is 200 mN before it is moved" in refused(tmp_path, "calibrate", *TOUCH)
+    assert not (tmp_path / "rig.calibrated.yaml").exists()
+
+
+def test_a_rig_that_cannot_be_stopped_at_ctrl_c_is_told_of(tmp_path: Path) -> None:
+    mock = {"type": "stages.mock_force_sensor", "bias_readings": 1}
+    with EmulatedRig(loaded(tmp_path, rig("mock_stage", force_sensor={**SENSOR, **mock}))) as emulated:
+        commissioning = Commissioning(written(tmp_path, emulated.config.dump()), registry())
+        commissioning.config = emulated.config
+        commissioning.record.check = Check(
+            answers_after_ms={}, sensor_rate_Hz=1000, sensor_gap_ms=50, offset={}, noise={}
+        )
+        said: list[str] = []
+        dialogue = Dialogue(said.append, lambda _: True, lambda _: "")
+        with pytest.raises(KeyboardInterrupt), Moves(commissioning, dialogue, 500.0):
+            emulated.controllers["controller_0"].emulator.unplugged = True
+            raise KeyboardInterrupt
+    assert "cut its power: controller_0: " in said[-1]
+
+
+def test_a_latch_holds_for_every_file_of_the_rig(tmp_path: Path, emulated: EmulatedRig) -> None:
+    """A calibration writes another file of the same rig: what has latched the one must not move by the other."""
+    call(tmp_path, "check")
+    calibrated = tmp_path / "rig.calibrated.yaml"
+    calibrated.write_text((tmp_path / "rig.yaml").read_text())
+    Latch(Commissioning(calibrated, registry()).latch).set(Trip("force", "9 N, of 3 N allowed", "look at it", "latch"))
+    assert "it is latched" in refused(tmp_path, "home", *LIMIT)

@@ -2,15 +2,16 @@
 
 import math
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import ExitStack
+from itertools import chain
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
-from stage_hardware.force_sensor import ForceReading
+from stage_hardware.force_sensor import ForceReading, ForceSensor
 from stage_hardware.rig.dry_run import DryRun
 from stage_hardware.rig.rig import Rig
 from stage_hardware.rig.rig_config import RigConfig, load_rig
@@ -40,7 +41,7 @@ class HardwareRig(InsertionBody):
         super().__init__(config)
         self._rig_config = load_rig(config.rig)
         self._check(self._rig_config)
-        self._machine = SafetyMachine(Latch(Path(config.rig).with_suffix(".latch.json")))
+        self._machine = SafetyMachine(Latch(self._rig_config.latch_file(Path(config.rig))))
         self._supervised: SupervisedRig | None = None
         self._rehearsal = ExitStack()
         self._axial_force_mN, self._paced = 0.0, False
@@ -146,7 +147,7 @@ class HardwareRig(InsertionBody):
 
     def _supervise(self, rig: Rig) -> SupervisedRig:
         config = self.config
-        names = {"force": config.force, "axial_force": (config.axial_force,)}
+        names = self._components()
         watches = [
             ForceWatch(guard.name, names[guard.name], guard.limits) for guard in self.guards() if guard.name in names
         ]
@@ -156,11 +157,29 @@ class HardwareRig(InsertionBody):
             watches,
             overrun=config.overrun,
             following_error=config.following_error,
-            axial=config.axial,
             retracts=config.retraction.distance,
             retracts_by=config.retraction.step,
             load=lambda reading: math.hypot(*(reading.values[name] for name in (*config.force, config.axial_force))),
         )
+
+    def _components(self) -> dict[str, tuple[str, ...]]:
+        """Return which components of the rig's sensor make up those of the body."""
+        return {"force": self.config.force, "axial_force": (self.config.axial_force,)}
+
+    def _misfits(self, sensor: ForceSensor) -> Iterator[str]:
+        """Yield components that are no forces, and limits that the sensor would saturate below."""
+        names = self._components()
+        for name in chain(*names.values()):
+            if sensor.components[name].unit != "mN":
+                yield f"the sensor's component `{name}` is in {sensor.components[name].unit}, and is no force"
+        for guard in self.guards():
+            largest_mN = min((sensor.components[name].largest for name in names.get(guard.name, ())), default=math.inf)
+            for key, limit_mN in (("stop", guard.limits.stop), ("latch", guard.limits.latch)):
+                if limit_mN is not None and limit_mN >= largest_mN:
+                    yield (
+                        f"`safety.{guard.name}.{key}` of {limit_mN:g} mN would never be seen, as the sensor tells "
+                        f"{largest_mN:g} mN at most; lower it"
+                    )
 
     def _check(self, rig_config: RigConfig) -> None:
         """Refuse a rig that lacks what the body names, or cannot go where and as fast as it will be sent."""
@@ -176,6 +195,7 @@ class HardwareRig(InsertionBody):
             if name not in rig.sensor.components
         ]
         if not faults:
+            faults += self._misfits(rig.sensor)
             lo, hi = rig.limits(config.axial)
             if not lo <= 0 <= config.length <= hi:
                 faults.append(f"axis `{config.axial}` can go {lo:g}..{hi:g} um and would go 0..{config.length:g} um")

@@ -17,7 +17,9 @@ class Retraction(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
-    distance: Annotated[float, Unit("um", gt=0)] = Field(default=200.0, description="Axially, at most.")
+    distance: Annotated[float, Unit("um", gt=0)] = Field(
+        default=200.0, description="Of the axis that goes farthest, at most."
+    )
     step: Annotated[float, Unit("um", gt=0)] = Field(
         default=20.0, description="After each step of this length, the force must have fallen."
     )
@@ -63,6 +65,8 @@ class HardwareRigConfig(InsertionBodyConfig):
             )
         if len({self.axial, *self.radial}) < 3:
             raise ValueError("`axial` and `radial` name three axes")
+        if len({self.axial_force, *self.force}) < 3:
+            raise ValueError("`axial_force` and `force` name three components")
         return self
 
     def sensors(self) -> dict[str, Sensor]:

@@ -1,8 +1,10 @@
 """A rig: axes of several controllers under names of their own, and a force sensor."""
 
+import math
 import time
 from collections.abc import Callable, Collection, Mapping
 from concurrent.futures import ThreadPoolExecutor, wait
+from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
 from types import MappingProxyType
@@ -61,13 +63,14 @@ class Rig:
             raise
 
     def close(self) -> None:
-        """Close all; safe to call at any time, and twice."""
-        self.sensor.stop()
-        for stage in self.stages.values():
-            stage.close()
-        if self._side_by_side is not None:
-            self._side_by_side.shutdown()
-            self._side_by_side = None
+        """Close all, whatever becomes of one of them; safe to call at any time, and twice."""
+        with ExitStack() as closing:
+            if self._side_by_side is not None:
+                closing.callback(self._side_by_side.shutdown)
+                self._side_by_side = None
+            for stage in self.stages.values():
+                closing.callback(stage.close)
+            closing.callback(self.sensor.stop)
 
     def limits(self, axis: str) -> tuple[float, float]:
         """Return the least and the largest position of an axis."""
@@ -75,16 +78,17 @@ class Rig:
         return min(ends), max(ends)
 
     def move_to(self, targets: Mapping[str, float]) -> None:
-        """Begin to move some axes; those of one controller in one command. None moves if one is sent too far."""
-        for axis, target in targets.items():
-            lo, hi = self.limits(axis)
-            if not lo <= target <= hi:
-                unit = self.axes[axis].unit
-                fault = f"axis {axis} would go to {target:g} {unit}, counted from where episodes begin"
-                raise HardwareError(self.controller_of[axis], fault, f"stay within {lo:g}..{hi:g} {unit}")
+        """Begin to move some axes; those of one controller in one command, none if a target is beyond limits."""
+        own = {axis: self.frames[axis].to_axis(target) for axis, target in targets.items()}
+        for axis, target in own.items():
+            can = self.axes[axis]
+            if not can.lo <= target <= can.hi:
+                fault = f"axis {axis} would go to {target:g} {can.unit} of its own"
+                cure = f"stay within {can.lo:g}..{can.hi:g} {can.unit}"
+                raise HardwareError(self.controller_of[axis], fault, cure)
         of_stages: dict[str, dict[str, float]] = {}
-        for axis, target in targets.items():
-            of_stages.setdefault(self.controller_of[axis], {})[axis] = self.frames[axis].to_axis(target)
+        for axis, target in own.items():
+            of_stages.setdefault(self.controller_of[axis], {})[axis] = target
         self._ask({name: partial(self.stages[name].move_to, of_stage) for name, of_stage in of_stages.items()})
 
     def home(self, axes: Collection[str]) -> None:
@@ -94,9 +98,10 @@ class Rig:
                 stage.home(of_stage)
 
     def state(self, ask: Callable[[str], StageState] | None = None) -> dict[str, AxisState]:
-        """Ask all controllers how their axes are, with positions in the rig's frame; a HardwareError for a fault.
+        """Ask all controllers how their axes are, with positions in the rig's frame.
 
-        ``ask`` asks one by its name, in a thread of its own, if there is more to it than its ``state``.
+        ``ask`` asks one by its name, in a thread of its own, if there is more to it than its ``state``. Raises a
+        HardwareError for a fault, and for a position that is none.
         """
         states = {}
         questions = {name: stage.state if ask is None else partial(ask, name) for name, stage in self.stages.items()}
@@ -105,6 +110,8 @@ class Rig:
                 raise HardwareError(name, state.fault, "see to it, then home its axes")
             for axis, one in state.axes.items():
                 position = self.frames[axis].to_rig(one.position)
+                if not math.isfinite(position):
+                    raise HardwareError(name, f"axis {axis} reports the position {position}", "see to line and encoder")
                 states[axis] = AxisState(position, one.moving, one.referenced, one.at_lower_limit, one.at_upper_limit)
         return states
 

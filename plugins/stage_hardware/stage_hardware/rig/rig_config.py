@@ -109,6 +109,10 @@ class RigConfig(_Strict):
         """How each axis counts in the rig."""
         return {name: axis.frame for stage in self.controllers.values() for name, axis in stage.axes.items()}
 
+    def latch_file(self, path: Path) -> Path:
+        """Return where the latch of the rig is kept that ``path`` describes: by name, as several files may do so."""
+        return path.with_name(f"{self.name}.latch.json")
+
     def build(self) -> Rig:
         """Return the rig; nothing is connected yet."""
         stages = {name: stage.build(name) for name, stage in self.controllers.items()}

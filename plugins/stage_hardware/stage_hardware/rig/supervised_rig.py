@@ -1,6 +1,7 @@
 """A rig under supervision: it moves only while nothing is wrong, keeps pace, and is stopped and drawn back."""
 
 import math
+import threading
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
@@ -31,6 +32,10 @@ TURNS_WITHIN_S = 10.0
 
 DRAWN_BACK_WITHIN_S = 2.0
 """How long a step of the way back may take."""
+
+RISES_BY_SHARE, RISES_BY_STEPS = 0.02, 5.0
+"""What of a rise of the load on the way back is none: this share of the least load so far, or these many steps of the
+sensor, as a load that is gone leaves noise."""
 
 GRACE_NS = 200_000_000
 """How much longer than a period a loop may say nothing before it is taken for dead."""
@@ -67,40 +72,49 @@ class ForceWatch:
         self._absolute = SensorGuard(f"{name}, from the sensor's own zero,", "mN", Limits(latch=limits.latch))
         self._free = SensorGuard(f"{name} where nothing is touched", "mN", Limits())
         self._last_ns: int | None = None
+        self._lock = threading.Lock()  # guards are for one thread, and are asked by several
 
     def free(self, limit_mN: float | None) -> None:
         """Let another limit hold as well where the load should be none, or no longer."""
         self._free.limits = Limits(stop=limit_mN)
 
+    def expect(self, since_ns: int) -> None:
+        """Expect readings from a time on: a sensor that never gives one grows old as well."""
+        self._last_ns = since_ns
+        self.forget()
+
     def forget(self) -> None:
         """Begin anew: after a bias, the load jumps. That the last reading grows old is not forgotten."""
-        self._guard.reset()
-        self._absolute.reset()
-        if self._last_ns is not None:
-            self._guard.check(Reading(self._last_ns, (0.0,)))
+        with self._lock:
+            self._guard.reset()
+            self._absolute.reset()
+            if self._last_ns is not None:
+                self._guard.check(Reading(self._last_ns, (), fault="none yet"))  # of which the age alone counts
 
     def check(self, reading: ForceReading) -> Trip | None:
         """Return what is wrong with a reading."""
-        self._last_ns = reading.time_ns
-        biased = tuple(reading.values[name] for name in self._components)
-        found = self._guard.check(Reading(reading.time_ns, biased, reading.sequence, reading.fault))
-        if found is None or found.reaction != "latch":
-            unbiased = tuple(reading.unbiased[name] for name in self._components)
-            found = self._absolute.check(Reading(reading.time_ns, unbiased)) or found
-        return found or self._free.check(Reading(reading.time_ns, biased))
+        with self._lock:
+            self._last_ns = reading.time_ns
+            biased = tuple(reading.values[name] for name in self._components)
+            found = self._guard.check(Reading(reading.time_ns, biased, reading.sequence, reading.fault))
+            if found is None or found.reaction != "latch":
+                unbiased = tuple(reading.unbiased[name] for name in self._components)
+                found = self._absolute.check(Reading(reading.time_ns, unbiased)) or found
+            return found or self._free.check(Reading(reading.time_ns, biased))
 
     def check_age(self, now_ns: int) -> Trip | None:
         """Return what is wrong if the last reading is too old."""
-        return self._guard.check_age(now_ns)
+        with self._lock:
+            return self._guard.check_age(now_ns)
 
 
 class SupervisedRig:
     """Moves a rig on behalf of a control loop; see :class:`neurorobo.safety.machine.SafetyState` for what it may do.
 
     Whatever goes wrong stops all controllers at once, is verified, and ends in a SafetyError that says what it was.
-    After too large a load, the rig is drawn back along the way it came by ``retracts`` um of ``axial`` at most, in
-    steps of ``retracts_by``, as long as the load falls. Commands are absolute, and none outlasts its period: a loop
-    that dies leaves at most one of them under way.
+    After too large a load, the rig is drawn back along the way it came by ``retracts`` um at most, in steps of
+    ``retracts_by``, both of the axis that goes farthest, as long as the load falls. Commands are absolute, and none
+    outlasts its period: a loop that dies leaves at most one of them under way.
     """
 
     def __init__(
@@ -111,29 +125,31 @@ class SupervisedRig:
         *,
         overrun: Overrun,
         following_error: float,
-        axial: str,
         retracts: float,
         retracts_by: float,
         load: Callable[[ForceReading], float],
     ) -> None:
         """Prepare it; :meth:`begin` connects. ``load`` (mN) is what has to fall on the way back."""
         self.rig, self.machine, self.force_watches = rig, machine, tuple(force_watches)
-        self.following_error, self._axial, self._load = following_error, axial, load
+        self.following_error, self._load = following_error, load
         self._retracts, self._retracts_by = retracts, retracts_by
         checks = [self._check_loop, self._check_age]
         self.watch = SafetyWatch(machine, {name: _Mover(stage) for name, stage in rig.stages.items()}, checks)
         self.pacer = Pacer(overrun, sleep=self._sleep)
         self.path: list[dict[str, float]] = []
-        """Where the axes were sent since they set out, and will be drawn back along."""
+        """Where the axes have been since they set out, and will be drawn back along; what is under way is not there."""
+        self._sent_to: dict[str, float] = {}
         self._alive_until_ns: int | None = None
         self._asking_takes_ns: dict[str, int] = {}
         self._arrive_ns: dict[str, int] = {}  # by controller, when its axes should be where they were sent
         self._waited_for: str | None = None
         self._is_open = self._was_reported = False
         self._while_open = ExitStack()
+        self._is_setting_out = False
 
     def begin(self) -> None:
         """Connect, if that was not done, and watch from now on; a SafetyError for a rig that may not move."""
+        self._alive_until_ns = None  # no period is under way
         if self.machine.state is not SafetyState.RUNNING:
             self.machine.run()
         if self._is_open:
@@ -142,8 +158,10 @@ class SupervisedRig:
         try:
             self.rig.connect()
             self._is_open = True
-            self.rig.sensor.watch(self._felt)
+            for watch in self.force_watches:
+                watch.expect(time.monotonic_ns())
             self.watch.start()
+            self.rig.sensor.watch(self._felt)  # whose first reading may trip already
         except BaseException:
             self.close()
             raise
@@ -167,14 +185,15 @@ class SupervisedRig:
             raise self._stopped()
         if not self._is_open or self.machine.state is not SafetyState.RUNNING:
             return
-        errors = []
-        for stage in self.rig.stages.values():
+        trips = []
+        for name, stage in self.rig.stages.items():
             try:
                 stage.stop()
-            except HardwareError as error:
-                errors.append(error)
-        if errors:
-            self.watch.trip(_trip_of(errors[0]))
+            except Exception as error:  # whatever fails, the others have to be stopped
+                cure = "see to it before the next run"
+                trips.append(_trip_of(error) if isinstance(error, HardwareError) else Trip(name, repr(error), cure))
+        if trips:
+            self.watch.trip(trips[0])
             raise self._stopped()
         self._call(lambda: self.rig.wait_until_at_rest(2.0))
         self.machine.rest()
@@ -184,18 +203,20 @@ class SupervisedRig:
         referenced = {name for name, state in self._call(self.rig.state).items() if state.referenced}
         for group in order:
             if waiting := [axis for axis in group if axis not in referenced]:
-                self._call(partial(self.rig.home, waiting))
+                self._set_out(partial(self.rig.home, waiting))
                 ways_s = sum((axis.hi - axis.lo) / axis.speed for axis in map(self.rig.axes.__getitem__, waiting))
                 self.wait_until_at_rest(ways_s / HOMES_AT_LEAST_AT + TURNS_WITHIN_S)
 
     def go_to(self, targets: Mapping[str, float], step: float) -> None:
         """Bring some axes somewhere in moves of ``step`` at most, and wait until they are there: a new way begins."""
-        for states in self._moves(targets, step):
-            reached = states
-        self.path = [self._targets(reached)]
+        self.path = []
+        self.go_on_to(targets, step)
+        del self.path[:-1]
 
     def go_on_to(self, targets: Mapping[str, float], step: float) -> None:
         """Bring some axes somewhere as :meth:`go_to` does, as a part of the way."""
+        self.path = self.path or [self._targets(self._call(self.rig.state))]
+        self._sent_to = {}
         for states in self._moves(targets, step):
             self.path.append(self._targets(states))
 
@@ -220,12 +241,15 @@ class SupervisedRig:
             one = state.axes[axis]
             track.append((state.time_ns, frame.to_rig(one.position)))
             if not one.moving or is_enough(track[-1][1]):
+                self.path.append({**self._sent_to, axis: track[-1][1]})
                 return track
             if time.monotonic() > ends:
                 self.watch.trip(Trip(stage.name, f"{axis} still moves after twice its time", "see what slows it down"))
 
     def _moves(self, targets: Mapping[str, float], step: float) -> Iterator[dict[str, AxisState]]:
         """Move some axes somewhere, ``step`` at most at a time; yields where they have come to."""
+        if not targets:
+            return
         here = {name: state.position for name, state in self._call(self.rig.state).items()}
         moves = max(1, *(math.ceil(abs(target - here[axis]) / step) for axis, target in targets.items()))
         for i in range(1, moves + 1):
@@ -233,29 +257,33 @@ class SupervisedRig:
                 axis: self._within(axis, here[axis] + (target - here[axis]) * i / moves)
                 for axis, target in targets.items()
             }
-            self._call(partial(self.rig.move_to, place))
+            self._set_out(partial(self.rig.move_to, place))
             longest_s = max(abs(place[axis] - here[axis]) / self.rig.axes[axis].speed for axis in targets)
             states = self.wait_until_at_rest(2 * longest_s + 2.0)
             self._check_arrival(states, place)
             yield states
 
+    def go_back_to(self, targets: Mapping[str, float], step: float) -> None:
+        """Bring some axes out of contact as :meth:`go_to` does: too large a load on the way does not lead in again."""
+        self.path = []
+        for _ in self._moves(targets, step):
+            pass
+
     def withdraw(self, step: float) -> None:
-        """Go back along the way that the rig came, to where it set out, in axial moves of ``step`` or so."""
-        way, last = [], math.inf
-        for place in reversed(self.path):
-            if abs(place[self._axial] - last) >= step:
+        """Go back along the way that the rig came, to where it set out, in moves of ``step`` or so."""
+        way = self.path[-1:]
+        for place in reversed(self.path[:-1]):
+            if _farthest(place, way[-1]) >= step:
                 way.append(place)
-                last = place[self._axial]
         way += self.path[:1]
         for place in way:
-            self.go_to(place, step)
+            self.go_back_to(place, step)
 
     def send(self, targets: Mapping[str, float]) -> None:
         """Send some axes somewhere; returns when the controllers have taken it."""
-        self._check()
-        self._call(partial(self.rig.move_to, targets))
+        self._set_out(partial(self.rig.move_to, targets))
         before = self.path[-1] if self.path else {}
-        self.path.append({**before, **targets})
+        self._sent_to = {**before, **targets}
         sent_ns = time.monotonic_ns()
         self._arrive_ns = {}
         for axis, target in targets.items():
@@ -275,10 +303,12 @@ class SupervisedRig:
         if is_late:  # the loop is, so that axes cannot have arrived yet: they have another period
             self._end_pace(duration_ns)
             deadline_ns = time.monotonic_ns() + duration_ns
+            self._alive_until_ns = deadline_ns + duration_ns + GRACE_NS
         states = self._ask(lambda controller: min(self._arrive_ns.get(controller, 0), deadline_ns))
         while self._is_time_to_ask(deadline_ns, states):
             states = self._ask()
-        self._check_arrival(states, self.path[-1])
+        self._check_arrival(states, self._sent_to)
+        self.path.append(self._targets(states))
         if not is_late:
             self._end_pace(duration_ns)
         return states
@@ -342,7 +372,9 @@ class SupervisedRig:
         return self.machine.trip is not None
 
     def _sleep(self, seconds: float) -> None:
+        """Sleep, but no longer than until a trip, which it raises."""
         self.watch.sleep(seconds)
+        self._check()
 
     def _felt(self, reading: ForceReading) -> None:
         """Take a reading, in the sensor's thread; once stopped, it can only get worse."""
@@ -393,7 +425,7 @@ class SupervisedRig:
         Those make the period late, which is another fault than to be somewhere else.
         """
         moving = [axis for axis, state in states.items() if state.moving]
-        off = (abs(states[axis].position - self.path[-1][axis]) for axis in moving if axis in self.path[-1])
+        off = (abs(states[axis].position - self._sent_to.get(axis, math.inf)) for axis in moving)
         late_ns = deadline_ns + SETTLES_NS if max(off, default=math.inf) <= self.following_error else deadline_ns
         longest_ns = max(self._asking_takes_ns.values(), default=0)
         return bool(moving) and time.monotonic_ns() + 3 * longest_ns // 2 < late_ns
@@ -412,6 +444,13 @@ class SupervisedRig:
             return state
 
         return self._call(partial(self.rig.state, ask))
+
+    def _set_out(self, motion: Callable[[], None]) -> None:
+        """Let axes begin to move; a stop that comes meanwhile may be overtaken by the command, and is sent again."""
+        self._is_setting_out = True
+        self._call(motion)
+        self._check()
+        self._is_setting_out = False
 
     def _call(self, ask: Callable[[], Result]) -> Result:
         """Ask a device; whatever it refuses stops all."""
@@ -438,54 +477,68 @@ class SupervisedRig:
             return SafetyError(str(trip), trip)
         self._was_reported = True
         stand = self.watch.wait_until_all_stand()
+        if stand and self._is_setting_out:
+            stand = self.watch.stop_again()
         words = [str(trip)]
         if trip.place == LOOP and self._waited_for is not None:
             words.append(f"it was waiting for a reply of {self._waited_for}")
-        if self.machine.state is SafetyState.LATCHED and trip.reaction != "latch":
-            reason = self.machine.latch.reason() or self.machine.latch_fault
-            words.append(f"it may still move, cut its power: {reason}")
+        if self.watch.faults:
+            words.append(self._may_still_move())
         elif not stand:
             words.append("whether all axes stand is not known: cut their power")
         else:
             words.append("all axes were stopped and stand")
-            if trip.reaction == "retract":
+            if trip.reaction == "retract" and self.machine.state is not SafetyState.LATCHED:
                 words.append(self._retract())
         if self.machine.state is SafetyState.LATCHED:
-            words.append(f"the rig is latched: look at it, then remove {self.machine.latch.path}")
+            reason = self.machine.latch.reason() or trip
+            words.append(f"the rig is latched ({reason}): look at it, then remove {self.machine.latch.path}")
         if self.machine.latch_fault is not None:
             words.append(f"the latch holds for this run only: {self.machine.latch_fault}")
         return SafetyError("\n".join(words), trip)
 
     def _retract(self) -> str:
         """Draw back along the path while the load falls, and say how that went."""
-        sensor, rig = self.rig.sensor, self.rig
+        rig = self.rig
+        rises_by = RISES_BY_STEPS * max(one.resolution for one in rig.sensor.components.values() if one.unit == "mN")
         try:
-            here = self._targets(rig.state())
-            load = before = self._load(sensor.latest())
-            reached = here
-            for place in _back(here, self.path, self._axial, self._retracts, self._retracts_by):
-                rig.move_to({axis: position for axis, position in place.items() if position != reached[axis]})
+            reached = here = self._targets(rig.state())
+            load = least = before = self._load_to_trust()
+            places = _back(here, self.path, self._retracts, self._retracts_by)
+            if not places:
+                return "not drawn back: no way is known that it came"
+            for place in places:
+                moved = {axis: position for axis, position in place.items() if position != reached[axis]}
+                rig.move_to({axis: self._within(axis, position) for axis, position in moved.items()})
                 if (fault := self._wait_while_drawn_back()) is not None:
                     return self._not_drawn_back(fault)
-                reached = place
-                now = self._load(sensor.latest())
-                if now > load + max(0.02 * load, 2.0):
-                    fault = f"on the way back the load rose from {load:.4g} to {now:.4g} mN"
+                reached, load = place, self._load_to_trust()
+                if load > least + max(RISES_BY_SHARE * least, rises_by):
+                    fault = f"on the way back the load rose from {least:.4g} to {load:.4g} mN"
                     self.machine.stop(Trip("retraction", fault, "look at the rig before you reset it", "latch"))
                     return self._not_drawn_back(fault)
-                load = now
+                least = min(least, load)
         except NeuroroboError as error:
             return self._not_drawn_back(str(error))
-        distance = here[self._axial] - reached[self._axial]
-        return f"drawn back by {distance:.0f} um, the load fell from {before:.4g} to {load:.4g} mN"
+        except BaseException:  # such as Ctrl-C: what has just set out is not left under way
+            self.watch.stop_again()
+            raise
+        distance_um = _farthest(here, reached)
+        return f"drawn back by {distance_um:.0f} um, the load went from {before:.4g} to {load:.4g} mN"
+
+    def _load_to_trust(self) -> float:
+        """Return the present load (mN); a HardwareError if the sensor does not tell it."""
+        reading = self.rig.sensor.latest()
+        load = self._load(reading)
+        if reading.fault is not None or not math.isfinite(load):
+            raise HardwareError(self.rig.sensor.name, reading.fault or f"reports {load} mN", "see to the sensor")
+        return load
 
     def _wait_while_drawn_back(self) -> str | None:
         """Wait until nothing moves; return what is wrong, if something is."""
         ends = time.monotonic() + DRAWN_BACK_WITHIN_S
         while True:
-            reading = self.rig.sensor.latest()
-            if reading.fault is not None:
-                return reading.fault
+            self._load_to_trust()
             if self.machine.state is SafetyState.LATCHED:
                 return f"on the way back, {self.machine.latch.reason()}"
             moving = [axis for axis, state in self.rig.state().items() if state.moving]
@@ -501,32 +554,37 @@ class SupervisedRig:
         words = f"not drawn back any further: {fault}"
         if self.watch.stop_again():
             return words
-        reason = self.machine.latch.reason() or self.machine.latch_fault
-        return f"{words}\nit may still move, cut its power: {reason}"
+        return f"{words}\n{self._may_still_move()}"
+
+    def _may_still_move(self) -> str:
+        told = "; ".join(f"{name}: {fault}" for name, fault in self.watch.faults.items())
+        return f"it may still move, cut its power: {told or 'whether all axes stand is not known'}"
 
 
 def _trip_of(error: HardwareError) -> Trip:
     return Trip(error.device, error.fault, error.cure)
 
 
+def _farthest(place: Mapping[str, float], other: Mapping[str, float]) -> float:
+    """Return how far that axis goes which goes farthest from one place to another."""
+    return max((abs(other[axis] - place[axis]) for axis in place.keys() & other.keys()), default=0.0)
+
+
 def _back(
-    here: Mapping[str, float], path: Sequence[Mapping[str, float]], axial: str, distance: float, step: float
+    here: Mapping[str, float], path: Sequence[Mapping[str, float]], distance: float, step: float
 ) -> list[dict[str, float]]:
-    """Return the places along a path backwards from here, ``step`` apart along ``axial``, over ``distance`` at most."""
+    """Return places along a path backwards from here: no axis goes more than ``step`` between two, nor ``distance``."""
     places, at, left = [], dict(here), distance
     for place in reversed(path):
-        target = {**at, **place}
-        way = at[axial] - target[axial]
-        if way <= 0:
+        start, target = at, {**at, **place}
+        way = _farthest(start, target)
+        if way == 0:
             continue
         part = min(1.0, left / way)
-        steps = max(1, math.ceil(way * part / step))
-        start = dict(at)
+        steps = math.ceil(way * part / step)
         for i in range(1, steps + 1):
-            share = part * i / steps
-            at = {axis: start[axis] + (target[axis] - start[axis]) * share for axis in start}
+            at = {axis: start[axis] + (target[axis] - start[axis]) * part * i / steps for axis in start}
             places.append(at)
-        left -= way * part
-        if left <= 0:
+        if (left := left - way) <= 0:
             break
     return places

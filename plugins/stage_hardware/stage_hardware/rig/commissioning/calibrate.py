@@ -42,7 +42,7 @@ def calibrate(
     body_file = out.with_suffix(".body.yaml")
     for file in (out, body_file):
         refuse_to_replace(file)
-    with Moves(commissioning, dialogue, limit_mN, along=touch.axis) as moves:
+    with Moves(commissioning, dialogue, limit_mN) as moves:
         home_again(commissioning, moves)
         moves.ask("go to where episodes begin, by the rig file? The touching axis goes last.")
         moves.go_to({axis: 0.0 for axis in moves.axes if axis != touch.axis})
@@ -57,13 +57,13 @@ def calibrate(
         for _ in range(times):
             at_um = moves.touch(touch.axis, touch.load_mN, touch.within_um, touch.step_um)
             if at_um is None:
-                moves.go_to({touch.axis: here_um[touch.axis]})
+                moves.go_back_to({touch.axis: here_um[touch.axis]})
                 raise NeuroroboError(
                     f"{touch.axis}: nothing was touched within {touch.within_um:g} um; let it look further (`--within`)"
                 )
             dialogue.say(f"{touch.axis}: contact at {at_um:g} um")
             touches_um.append(at_um)
-            moves.go_to({touch.axis: here_um[touch.axis]})
+            moves.go_back_to({touch.axis: here_um[touch.axis]})
     begins_um = {**here_um, touch.axis: fmean(touches_um) - clearance_um}
     start_um = {axis: config.frames[axis].to_axis(position) for axis, position in begins_um.items()}
     commissioning.record.calibrate = Calibrate(start_um=start_um, touches_um=touches_um)

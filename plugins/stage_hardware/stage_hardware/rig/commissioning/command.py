@@ -50,7 +50,7 @@ def home(rig: Path, limit: str, axes: Sequence[str], yes: bool) -> None:
     """Let the axes of RIG look for their origins, one after the other, as far as they do not know where they are."""
     from stage_hardware.rig.commissioning.home import home as look_for_origins
 
-    commissioning, dialogue = _opened(rig, yes)
+    commissioning, dialogue = _opened(rig, yes=yes)
     limit_mN = _quantity("--limit", limit, "mN")
     look_for_origins(commissioning, dialogue, axes, limit_mN)
     _tell(commissioning, f"neurorobo rig identify {rig} --touch AXIS")
@@ -95,7 +95,7 @@ def identify(
     """Move the axes of RIG: how fast are they, how soon do they stop, which component of the force follows which?"""
     from stage_hardware.rig.commissioning.identify import identify as move
 
-    commissioning, dialogue = _opened(rig, yes)
+    commissioning, dialogue = _opened(rig, yes=yes)
     limit_mN = _limit_mN(commissioning, limit)
     move(
         commissioning,
@@ -141,7 +141,7 @@ def calibrate(
     """Find where episodes begin on RIG, and write a rig file that begins there, and the body of an experiment."""
     from stage_hardware.rig.commissioning.calibrate import calibrate as find_start
 
-    commissioning, dialogue = _opened(rig, yes)
+    commissioning, dialogue = _opened(rig, yes=yes)
     limit_mN = _limit_mN(commissioning, limit)
     find_start(
         commissioning,
@@ -156,10 +156,9 @@ def calibrate(
 
 @rig.command()
 @RIG
-@YES
-def reset(rig: Path, yes: bool) -> None:
+def reset(rig: Path) -> None:
     """Let RIG move again after a load that has latched it: only when somebody has looked at it."""
-    commissioning, dialogue = _opened(rig, yes)
+    commissioning, dialogue = _opened(rig, yes=False, otherwise="call it from a terminal, when you have looked at it")
     if (reason := _latched(commissioning)) is None:
         click.echo(f"{rig} is not latched")
         return
@@ -173,7 +172,9 @@ def reset(rig: Path, yes: bool) -> None:
     click.echo(f"{commissioning.latch} is removed; its axes may have to be homed")
 
 
-def _opened(rig: Path, yes: bool) -> tuple["Commissioning", "Dialogue"]:
+def _opened(
+    rig: Path, *, yes: bool, otherwise: str = "say `--yes` to agree to every motion"
+) -> tuple["Commissioning", "Dialogue"]:
     from stage_hardware.rig.commissioning.dialogue import Dialogue
     from stage_hardware.rig.commissioning.record import Commissioning
 
@@ -186,7 +187,7 @@ def _opened(rig: Path, yes: bool) -> tuple["Commissioning", "Dialogue"]:
         except click.Abort:
             if sys.stdin.isatty():
                 raise
-            raise NeuroroboError("there is nobody to answer; say `--yes` to agree to every motion") from None
+            raise NeuroroboError(f"there is nobody to answer; {otherwise}") from None
 
     def answer(question: str) -> str:
         return "" if yes else str(click.prompt(question, default="", show_default=False))

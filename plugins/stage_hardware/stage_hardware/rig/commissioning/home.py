@@ -20,7 +20,7 @@ def home(commissioning: Commissioning, dialogue: Dialogue, axes: Sequence[str], 
     if not wanted:
         dialogue.say("all axes were homed before; name one with `--axis` to home it again")
         return
-    with Moves(commissioning, dialogue, limit_mN, along=wanted[0]) as moves:
+    with Moves(commissioning, dialogue, limit_mN) as moves:
         for axis in wanted:
             if moves.referenced()[axis]:
                 dialogue.say(f"{axis}: knows where it is, by its controller's account")

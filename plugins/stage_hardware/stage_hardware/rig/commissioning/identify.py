@@ -44,7 +44,7 @@ def identify(
     record = commissioning.record
     wanted = chosen(commissioning, axes)
     done = record.identify = record.identify or Identify()
-    with Moves(commissioning, dialogue, limit_mN, along=touch.axis if touch else wanted[0]) as moves:
+    with Moves(commissioning, dialogue, limit_mN) as moves:
         home_again(commissioning, moves)
         for axis in wanted:
             if axis in done.axes:
@@ -58,7 +58,10 @@ def identify(
             _tell(dialogue, axis, done.axes[axis], moves.axes[axis].speed)
         if touch is not None:
             felt = _feel(moves, dialogue, wanted, touch, amplitude_um, times)
-            done.responses.update(_assigned(felt))
+            found = _assigned(felt)
+            taken = {one.component for one in found.values()}
+            others = {axis: one for axis, one in done.responses.items() if axis not in wanted}
+            done.responses = {axis: one for axis, one in others.items() if one.component not in taken} | found
             commissioning.save()
             for axis in wanted:
                 _tell_response(dialogue, axis, done.responses.get(axis))
@@ -88,14 +91,14 @@ def _feel(
     )
     at_um = moves.touch(touch.axis, touch.load_mN, touch.within_um, touch.step_um)
     if at_um is None:
-        moves.go_to({touch.axis: 0.0})
+        moves.go_back_to({touch.axis: 0.0})
         raise NeuroroboError(
             f"{touch.axis}: nothing was touched within {touch.within_um:g} um; let it look further (`--within`), or "
             "begin nearer (`start` in the rig file)"
         )
     dialogue.say(f"{touch.axis}: contact at {at_um:g} um from where episodes begin, {moves.load_mN():.3g} mN")
     felt = {axis: moves.responses(axis, amplitude_um, times) for axis in axes}
-    moves.go_to({touch.axis: 0.0})
+    moves.go_back_to({touch.axis: 0.0})
     return felt
 
 

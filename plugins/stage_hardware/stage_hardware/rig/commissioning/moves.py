@@ -7,6 +7,7 @@ from typing import Self
 
 import numpy as np
 
+from neurorobo.errors import NeuroroboError
 from neurorobo.safety.limits import Limits
 from neurorobo.safety.machine import Latch, SafetyError, SafetyMachine
 from stage_hardware.force_sensor import ForceReading
@@ -29,17 +30,25 @@ GAPS = 20
 class Moves:
     """A rig that moves, from ``with`` to its end, which stops it.
 
-    ``limit_mN`` is the largest load, from that at the beginning; ``along`` the axis whose way is gone back after a
-    larger one. Positions are in um and count from where episodes begin. All methods raise a SafetyError for whatever
-    stops the rig.
+    ``limit_mN`` is the largest load, from that at the beginning; after a larger one, the way is gone back. Positions
+    are in um and count from where episodes begin. All methods raise a SafetyError for whatever stops the rig.
     """
 
-    def __init__(self, commissioning: Commissioning, dialogue: Dialogue, limit_mN: float, along: str) -> None:
-        """Prepare it; nothing is connected yet, and a rig that is latched is refused when it is."""
+    def __init__(self, commissioning: Commissioning, dialogue: Dialogue, limit_mN: float) -> None:
+        """Prepare it; nothing is connected yet, and a rig that is latched is refused when it is.
+
+        Raises a NeuroroboError for a limit that the sensor cannot tell.
+        """
         assert commissioning.record.check is not None
         rig, self._dialogue = commissioning.config.build(), dialogue
         self.axes = rig.axes
         self.forces = {name: one for name, one in rig.sensor.components.items() if one.unit == "mN"}
+        largest_mN = min(one.largest for one in self.forces.values())
+        if limit_mN >= largest_mN:
+            raise NeuroroboError(
+                f"a load of {limit_mN:g} mN would never be seen, as the sensor tells {largest_mN:g} mN at most; lower "
+                "`--limit`"
+            )
         age_ns = round(max(100.0, GAPS * commissioning.record.check.sensor_gap_ms) * 1e6)
         self._machine = SafetyMachine(Latch(commissioning.latch))
         self._rig = SupervisedRig(
@@ -48,7 +57,6 @@ class Moves:
             [ForceWatch("load", tuple(self.forces), Limits(stop=limit_mN, age_ns=age_ns))],
             overrun="skip",
             following_error=max(FOLLOWING_ERROR_UM, *(10 * axis.resolution for axis in rig.axes.values())),
-            axial=along,
             retracts=RETRACTS_UM,
             retracts_by=RETRACTS_BY_UM,
             load=self._load_mN,
@@ -66,12 +74,13 @@ class Moves:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None) -> None:
-        """Stop, and let go; what the stop has to say is not to hide why it came to it."""
+        """Stop, and let go; what the stop has to say is said, and does not hide why it came to it."""
         try:
             self._rig.close()
-        except SafetyError:
+        except SafetyError as stopped:
             if error is None:
                 raise
+            self._dialogue.say(str(stopped))
 
     def ask(self, question: str) -> None:
         """Rest, and raise a DeclinedError unless a person agrees to go on."""
@@ -108,6 +117,10 @@ class Moves:
         """Bring axes somewhere, in moves of ``step_um`` at most; after too large a load, they go back along them."""
         self._rig.go_on_to(targets, step_um)
 
+    def go_back_to(self, targets: Mapping[str, float]) -> None:
+        """Bring axes out of contact; too large a load on the way only stops them."""
+        self._rig.go_back_to(targets, LONGEST_MOVE_UM)
+
     def free_run(self, axis: str, target_um: float) -> FreeRun:
         """Move an axis there and back, and once more half of the way, where it is stopped; it comes back at the end."""
         start_um = self.positions_um()[axis]
@@ -134,14 +147,22 @@ class Moves:
         )
 
     def touch(self, axis: str, load_mN: float, within_um: float, step_um: float) -> float | None:
-        """Move an axis in small steps until the load is as large, and return where; None if it never was."""
+        """Move an axis in small steps until the load is as large, and return where; None if it never was.
+
+        Raises a NeuroroboError if the load is as large before anything has moved: where it came from is not known.
+        """
+        if (load_now_mN := self.load_mN()) >= load_mN:
+            raise NeuroroboError(
+                f"{axis}: the load is {load_now_mN:.3g} mN before it is moved, of {load_mN:.4g} mN that count as "
+                "contact; begin where nothing is touched (`start` in the rig file), or raise `--until`"
+            )
         start_um, at_um = self.positions_um()[axis], 0.0
-        while self.load_mN() < load_mN:
-            if at_um >= within_um:
-                return None
+        while at_um < within_um:
             at_um = min(at_um + step_um, within_um)
             self.go_to({axis: start_um + at_um}, step_um)
-        return self.positions_um()[axis]
+            if self.load_mN() >= load_mN:
+                return self.positions_um()[axis]
+        return None
 
     def responses(self, axis: str, amplitude_um: float, times: int) -> dict[str, Response]:
         """Move an axis to and fro about where it is, and return how each component of the force follows it."""

@@ -100,7 +100,7 @@ class Commissioning:
     def __init__(self, path: Path, registry: Registry | None = None) -> None:
         """Read both; a record of another rig file, or of an earlier version of it, counts as none."""
         self.path, self.config = path, load_rig(path, registry)
-        self.file, self.latch = path.with_suffix(".commissioning.yaml"), path.with_suffix(".latch.json")
+        self.file, self.latch = path.with_suffix(".commissioning.yaml"), self.config.latch_file(path)
         digest = _digest(self.config)
         found = _read(self.file) if self.file.exists() else None
         self.is_outdated = found is not None and found.rig != digest
