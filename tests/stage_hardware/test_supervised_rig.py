@@ -654,3 +654,25 @@ def test_ctrl_c_on_the_way_back_leaves_nothing_under_way(bench: Bench, monkeypat
     with pytest.raises(KeyboardInterrupt):
         rig.feel()
     assert bench.stands()
+
+
+def test_a_trip_while_controllers_are_waited_for_is_dealt_with_in_the_thread_of_the_loop(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each controller is waited for in a thread of its own: two that draw back would wait for each other."""
+    rig = bench.ready()
+    for mechanism in (bench.z.mechanisms["z"], bench.x.mechanisms["x"]):
+        mechanism.slowness = 1000.0
+    threads: list[threading.Thread] = []
+    stands = rig.watch.wait_until_all_stand
+
+    def noted() -> bool:
+        threads.append(threading.current_thread())
+        return stands()
+
+    monkeypatch.setattr(rig.watch, "wait_until_all_stand", noted)
+    rig.send({"z": 1900.0, "x": 1900.0})
+    bench.sensor.fault = "saturated"
+    told = stopped(bench, lambda: rig.end_period(2_000_000_000) and None)
+    assert "all axes were stopped and stand" in told
+    assert threads == [threading.current_thread()]

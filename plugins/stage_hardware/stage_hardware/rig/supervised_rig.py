@@ -435,7 +435,7 @@ class SupervisedRig:
 
         def ask(controller: str) -> StageState:
             if (left_ns := not_before_ns(controller) - time.monotonic_ns()) > 0:
-                self._sleep(left_ns * 1e-9)
+                self.watch.sleep(left_ns * 1e-9)  # a trip is told in the thread of the loop, which draws back
             began_ns = time.monotonic_ns()
             state = self.rig.stages[controller].state()
             # The longest of late: a controller may be asked for more when its axes have come to rest.
