@@ -6,7 +6,7 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import ClassVar
 
@@ -81,8 +81,16 @@ def test_what_failed_is_named_and_what_is_done_is_kept(setting: Setting, tmp_pat
     assert Store(tmp_path, Toy(), setting).missing() == ["two"]
 
 
+@pytest.fixture
+def interruptible() -> Iterator[None]:
+    """Take Ctrl-C as a Ctrl-C, also where a shell has begun the tests in the background, and told them to ignore it."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
 def test_an_interrupt_stops_at_once_and_says_what_is_kept(
-    setting: Setting, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    setting: Setting, tmp_path: Path, capsys: pytest.CaptureFixture[str], interruptible: None
 ) -> None:
     (tmp_path / "slow").touch()
     kept = Store(tmp_path, Toy(), setting)
