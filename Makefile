@@ -12,8 +12,8 @@ BIN := .venv/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 PLUGINS := $(wildcard plugins/*/pyproject.toml)
 TEMPLATES := region neuron code rule body command
-# The tests in which C code runs: under the sanitizers all others would only be slow.
-NATIVE := $(addprefix tests/,engine experiment graph interchange learning measures neurons plasticity regions)
+# The tests that are about what calls the C code; whole experiments and devices on top of it would only be slow.
+NATIVE := $(addprefix tests/,codes engine experiment graph interchange learning measures neurons plasticity regions synapses tasks)
 SANITIZERS := -fsanitize=address,undefined -fno-sanitize-recover=all -fno-omit-frame-pointer
 
 .DEFAULT_GOAL := help

@@ -30,6 +30,7 @@ from neurorobo.experiment.weights import weights_file
 
 sys.path.append(str(Path(__file__).resolve().parents[1]))
 from machine import processor
+from page import between
 
 ROOT = Path(__file__).resolve().parents[2]
 LATEST = Path(__file__).with_name("latest.json")
@@ -191,9 +192,7 @@ def _cell(figure: Mapping[str, float]) -> str:
 
 def into_readme(text: str, rows: Sequence[Mapping[str, Any]]) -> str:
     """Return the README with its table replaced."""
-    before, rest = text.split(START)
-    _, after = rest.split(END)
-    return f"{before}{START}\n\n{table(rows)}\n\n{END}{after}"
+    return between(text, START, END, table(rows))
 
 
 def main() -> int:

@@ -1,10 +1,15 @@
 """What the comparison comes to: the README's table and figure, and which of the wanted ratios are missed."""
 
+import sys
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from chart import COLOURS, GREY, Axis, dot, grid, legend, line, svg, text
+
+sys.path.append(str(Path(__file__).resolve().parents[1]))
+from page import between
 
 START, END = "<!-- speed: python benchmarks/engine/compare.py -->", "<!-- end of speed -->"
 DENSE, READING = "floor, dense product", "floor, weights read once"
@@ -139,13 +144,6 @@ def block(found: Mapping[str, Any]) -> str:
 def into_readme(text: str, found: Mapping[str, Any]) -> str:
     """Return the README with what stands between the markers replaced."""
     return between(text, START, END, block(found))
-
-
-def between(text: str, start: str, end: str, words: str) -> str:
-    """Return a text with what stands between two markers replaced."""
-    before, rest = text.split(start)
-    _, after = rest.split(end)
-    return f"{before}{start}\n\n{words}\n\n{end}{after}"
 
 
 def _table(single: Sequence[Group]) -> str:

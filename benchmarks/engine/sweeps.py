@@ -18,13 +18,13 @@ import torch
 from chart import COLOURS, Axis, dot, grid, legend, line, svg, text
 from implementations import Implementation, Native, Portable
 from networks import Network, Population
-from report import between
 from timing import Contestant, contest
 
 from neurorobo.engine import engine_path
 
 sys.path.append(str(Path(__file__).resolve().parents[1]))
 from machine import machine
+from page import between
 
 ROOT = Path(__file__).resolve().parents[2]
 LATEST = Path(__file__).with_name("sweeps.json")

@@ -26,6 +26,7 @@ import yaml
 
 sys.path.append(str(Path(__file__).resolve().parents[1]))
 from machine import machine
+from page import between
 
 ROOT = Path(__file__).resolve().parents[2]
 HARDWARE = ROOT / "examples" / "peg_in_hole_hardware.yaml"
@@ -164,9 +165,7 @@ def table(results: dict[str, Any]) -> str:
 
 def into_page(text: str, results: dict[str, Any]) -> str:
     """Return a page with its table replaced."""
-    before, rest = text.split(START)
-    _, after = rest.split(END)
-    return f"{before}{START}\n\n{table(results)}\n\n{END}{after}"
+    return between(text, START, END, table(results))
 
 
 def main() -> None:

@@ -35,7 +35,7 @@ class ContactPath:
         self._generator = np.random.default_rng(config.seed)
         self._travel_um, self._moved_ns = 0.0, clock()
         first, second = np.zeros(1), np.ones(1)
-        self._contact.increment_mN(first, second, first, np.zeros((1, 3)))  # the first time of all takes 20 ms
+        self._contact.increment_mN(first, second, first, np.zeros((1, 3)))  # or the first contact would wait for it
         self._forget()
 
     def wrench(self, positions: Mapping[str, float]) -> tuple[float, float, float, float, float, float]:

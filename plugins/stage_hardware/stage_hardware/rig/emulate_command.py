@@ -49,6 +49,7 @@ def emulate(rig: Path, out: Path | None, how_long: str | None, faults: Sequence[
     from stage_hardware.rig.emulated_rig import EmulatedRig
     from stage_hardware.rig.rig_config import load_rig
     from stage_hardware.rig.undisturbed import undisturbed
+    from stage_hardware.rig.written import refuse_to_replace
 
     try:
         ends_after_s = None if how_long is None else parse_duration_ns(how_long) / 1e9
@@ -57,7 +58,7 @@ def emulate(rig: Path, out: Path | None, how_long: str | None, faults: Sequence[
     config = load_rig(rig)
     _refuse_unreachable(rig, config)
     out = out or Path("runs", "emulated", f"{config.name}.yaml")
-    _refuse_to_replace(out)
+    refuse_to_replace(out, MARK, "neurorobo emulate")
     with _asked_to_end() as asked, EmulatedRig(config) as emulated:
         for fault in faults:
             _switch(emulated, fault)
@@ -80,15 +81,6 @@ def _refuse_unreachable(rig: Path, config: "RigConfig") -> None:
                 f"{rig}: {name}: {device.type} is in the process that uses it, and no other can reach it; such a rig "
                 "needs no emulation: use it as it is"
             )
-
-
-def _refuse_to_replace(out: Path) -> None:
-    """Refuse to write over anything but what an earlier emulation has left."""
-    if out.exists() and not (out.is_file() and out.read_bytes().startswith(MARK.encode())):
-        raise NeuroroboError(
-            f"{out} exists already and was not written by `neurorobo emulate`; it is left as it is: choose another "
-            "place with `--out`"
-        )
 
 
 def _remove(out: Path, content: bytes) -> None:

@@ -14,8 +14,9 @@ CURRENT, FUTURE, ON_FAULT = 1, 2, 4
 def undisturbed() -> Iterator[None]:
     """Neither collect again what is there already, nor let the system put away what was used, until the end.
 
-    A full collection of all that is imported holds up every thread for some 0.1 s, and a page of code that has to be
-    read again for some 0.02 s. Locking memory needs a limit that allows it (``ulimit -l``); without, it is left out.
+    A full collection goes through all that was ever imported and holds up every thread meanwhile; a page of code that
+    was put away has to be read from the disk. Locking memory needs a limit that allows it (``ulimit -l``); without, it
+    is left out.
     """
     gc.collect()
     gc.freeze()

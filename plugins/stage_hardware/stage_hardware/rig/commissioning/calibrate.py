@@ -11,16 +11,16 @@ from neurorobo.files import write_whole
 from neurorobo.units import UnitError, format_quantity, parse_quantity
 from stage_hardware.rig.commissioning.dialogue import Dialogue
 from stage_hardware.rig.commissioning.home import home_again
-from stage_hardware.rig.commissioning.identify import Touch
-from stage_hardware.rig.commissioning.moves import GAPS, Moves
+from stage_hardware.rig.commissioning.moves import Moves, Touch
 from stage_hardware.rig.commissioning.record import Calibrate, Commissioning, Identify
 from stage_hardware.rig.rig_config import RigConfig
+from stage_hardware.rig.written import refuse_to_replace
 
 MARK = "# Written by `neurorobo rig calibrate`"
 BODY_HEAD = f"""{MARK}: what stands under `body:` of an experiment. The loads follow from the `--limit` of the
 # commissioning, `age` from the slowest readings: see what your parts bear, and what your task needs, before you use it.
 """
-JOG = "where peg and hole are in line? Jog, such as `x 10 um`, or press Enter if they are"
+JOG = "are the parts where episodes begin? Jog, such as `x 10 um`, or press Enter if they are"
 
 
 def calibrate(
@@ -41,12 +41,11 @@ def calibrate(
     config = commissioning.config
     body_file = out.with_suffix(".body.yaml")
     for file in (out, body_file):
-        refuse_to_replace(file)
+        refuse_to_replace(file, MARK, "neurorobo rig calibrate")
     with Moves(commissioning, dialogue, limit_mN) as moves:
         home_again(commissioning, moves)
         moves.ask("go to where episodes begin, by the rig file? The touching axis goes last.")
-        moves.go_to({axis: 0.0 for axis in moves.axes if axis != touch.axis})
-        moves.go_to({touch.axis: 0.0})
+        moves.go_to_start(last=touch.axis)
         _jog(moves, dialogue)
         here_um = moves.positions_um()
         moves.ask(
@@ -55,12 +54,7 @@ def calibrate(
         )
         touches_um = []
         for _ in range(times):
-            at_um = moves.touch(touch.axis, touch.load_mN, touch.within_um, touch.step_um)
-            if at_um is None:
-                moves.go_back_to({touch.axis: here_um[touch.axis]})
-                raise NeuroroboError(
-                    f"{touch.axis}: nothing was touched within {touch.within_um:g} um; let it look further (`--within`)"
-                )
+            at_um = moves.touch(touch)
             dialogue.say(f"{touch.axis}: contact at {at_um:g} um")
             touches_um.append(at_um)
             moves.go_back_to({touch.axis: here_um[touch.axis]})
@@ -73,15 +67,6 @@ def calibrate(
     body = document.dump(_body(commissioning, out, limit_mN, touch.axis, clearance_um))
     write_whole(body_file, f"{BODY_HEAD}{body}".encode())
     dialogue.say(f"rig file: {out}\nbody of an experiment: {body_file}")
-
-
-def refuse_to_replace(out: Path) -> None:
-    """Refuse to write over anything but what an earlier calibration has left."""
-    if out.exists() and not (out.is_file() and out.read_bytes().startswith(MARK.encode())):
-        raise NeuroroboError(
-            f"{out} exists already and was not written by `neurorobo rig calibrate`; it is left as it is: choose "
-            "another place with `--out`"
-        )
 
 
 def _jog(moves: Moves, dialogue: Dialogue) -> None:
@@ -134,10 +119,9 @@ def _body(commissioning: Commissioning, out: Path, limit_mN: float, axial: str, 
         }
     if axial in found.responses:
         body["axial_force"] = found.responses[axial].component
-    age_ms = max(50, round(GAPS * record.check.sensor_gap_ms))
     limits = {"stop": limit_mN, "latch": 2 * limit_mN}
     safety = {name: format_quantity(round(value, 3), "mN") for name, value in limits.items()}
-    safety |= {"rate": format_quantity(round(20 * limit_mN, 3), "mN/s"), "age": f"{age_ms} ms"}
+    safety |= {"rate": format_quantity(round(20 * limit_mN, 3), "mN/s"), "age": f"{record.check.oldest_ms:.0f} ms"}
     free_mN = max(10 * commissioning.noise_mN, limit_mN / 5)
     body |= {
         "following_error": format_quantity(_following_error_um(commissioning, found), "um"),

@@ -11,7 +11,7 @@ from neurorobo.errors import NeuroroboError
 
 if TYPE_CHECKING:
     from stage_hardware.rig.commissioning.dialogue import Dialogue
-    from stage_hardware.rig.commissioning.identify import Touch
+    from stage_hardware.rig.commissioning.moves import Touch
     from stage_hardware.rig.commissioning.record import Commissioning
 
 Command = TypeVar("Command", bound=Callable[..., Any])
@@ -227,7 +227,7 @@ def _touch(
     commissioning: "Commissioning", axis: str, until: str | None, within: str, step: str, limit_mN: float
 ) -> "Touch":
     from stage_hardware.rig.commissioning.home import chosen
-    from stage_hardware.rig.commissioning.identify import Touch
+    from stage_hardware.rig.commissioning.moves import Touch
 
     chosen(commissioning, [axis])
     load_mN = commissioning.least_contact_mN() if until is None else _quantity("--until", until, "mN")

@@ -1,27 +1,15 @@
 """``neurorobo rig identify``: what each axis does when it is sent somewhere, and what the sensor feels of it."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 
-from neurorobo.errors import NeuroroboError
 from stage_hardware.rig.commissioning.dialogue import Dialogue
 from stage_hardware.rig.commissioning.home import chosen, home_again
-from stage_hardware.rig.commissioning.moves import Moves
+from stage_hardware.rig.commissioning.moves import Moves, Touch
 from stage_hardware.rig.commissioning.record import Commissioning, FreeRun, Identify, Response
 
 SPEED_MAY_DIFFER_BY = 0.1
 IS_FELT = 5.0
 """A slope that exceeds its error as many times is none of noise."""
-
-
-@dataclass(frozen=True)
-class Touch:
-    """How contact is looked for: until the load is ``load_mN``, at most ``within_um`` from here, in small steps."""
-
-    axis: str
-    load_mN: float
-    within_um: float
-    step_um: float
 
 
 def identify(
@@ -83,19 +71,12 @@ def _feel(
 ) -> dict[str, dict[str, Response]]:
     """Touch, and return what each component feels of each axis; the touching axis is drawn back at the end."""
     moves.ask("go to where episodes begin? The touching axis goes last.")
-    moves.go_to({axis: 0.0 for axis in moves.axes if axis != touch.axis})
-    moves.go_to({touch.axis: 0.0})
+    moves.go_to_start(last=touch.axis)
     moves.ask(
         f"move {touch.axis} on until the load is {touch.load_mN:.4g} mN, by {touch.within_um:g} um at most, and each "
         f"of {', '.join(axes)} by {amplitude_um:g} um to and fro there?"
     )
-    at_um = moves.touch(touch.axis, touch.load_mN, touch.within_um, touch.step_um)
-    if at_um is None:
-        moves.go_back_to({touch.axis: 0.0})
-        raise NeuroroboError(
-            f"{touch.axis}: nothing was touched within {touch.within_um:g} um; let it look further (`--within`), or "
-            "begin nearer (`start` in the rig file)"
-        )
+    at_um = moves.touch(touch)
     dialogue.say(f"{touch.axis}: contact at {at_um:g} um from where episodes begin, {moves.load_mN():.3g} mN")
     felt = {axis: moves.responses(axis, amplitude_um, times) for axis in axes}
     moves.go_back_to({touch.axis: 0.0})

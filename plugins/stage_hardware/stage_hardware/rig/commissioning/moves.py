@@ -1,7 +1,9 @@
 """Moves of a rig that is being commissioned: supervised, under a limit of the load, each agreed to by a person."""
 
+import math
 import time
 from collections.abc import Mapping
+from dataclasses import dataclass
 from types import TracebackType
 from typing import Self
 
@@ -23,8 +25,15 @@ LONGEST_MOVE_UM = 150.0
 FEELS_S = 0.05
 """How long the force is averaged where an axis rests."""
 
-GAPS = 20
-"""The age of a reading that stops, in longest gaps between two of them as `check` has seen them."""
+
+@dataclass(frozen=True)
+class Touch:
+    """How contact is looked for: until the load is ``load_mN``, at most ``within_um`` from here, in small steps."""
+
+    axis: str
+    load_mN: float
+    within_um: float
+    step_um: float
 
 
 class Moves:
@@ -42,14 +51,14 @@ class Moves:
         assert commissioning.record.check is not None
         rig, self._dialogue = commissioning.config.build(), dialogue
         self.axes = rig.axes
-        self.forces = {name: one for name, one in rig.sensor.components.items() if one.unit == "mN"}
+        self.forces = commissioning.forces
         largest_mN = min(one.largest for one in self.forces.values())
         if limit_mN >= largest_mN:
             raise NeuroroboError(
                 f"a load of {limit_mN:g} mN would never be seen, as the sensor tells {largest_mN:g} mN at most; lower "
                 "`--limit`"
             )
-        age_ns = round(max(100.0, GAPS * commissioning.record.check.sensor_gap_ms) * 1e6)
+        age_ns = round(commissioning.record.check.oldest_ms * 1e6)
         self._machine = SafetyMachine(Latch(commissioning.latch))
         self._rig = SupervisedRig(
             rig,
@@ -117,6 +126,11 @@ class Moves:
         """Bring axes somewhere, in moves of ``step_um`` at most; after too large a load, they go back along them."""
         self._rig.go_on_to(targets, step_um)
 
+    def go_to_start(self, last: str) -> None:
+        """Bring all axes to where episodes begin, the one that may touch something when the others are there."""
+        self.go_to({axis: 0.0 for axis in self.axes if axis != last})
+        self.go_to({last: 0.0})
+
     def go_back_to(self, targets: Mapping[str, float]) -> None:
         """Bring axes out of contact; too large a load on the way only stops them."""
         self._rig.go_back_to(targets, LONGEST_MOVE_UM)
@@ -146,23 +160,29 @@ class Moves:
             stands_after_ms=(stood_ns - stopped_ns) / 1e6,
         )
 
-    def touch(self, axis: str, load_mN: float, within_um: float, step_um: float) -> float | None:
-        """Move an axis in small steps until the load is as large, and return where; None if it never was.
+    def touch(self, touch: Touch) -> float:
+        """Move an axis in small steps until the load is as large, and return where.
 
-        Raises a NeuroroboError if the load is as large before anything has moved: where it came from is not known.
+        Raises a NeuroroboError if it never was, back where the axis was before, and if the load is as large before
+        anything has moved: where it came from is not known.
         """
-        if (load_now_mN := self.load_mN()) >= load_mN:
+        axis = touch.axis
+        if (load_now_mN := self.load_mN()) >= touch.load_mN:
             raise NeuroroboError(
-                f"{axis}: the load is {load_now_mN:.3g} mN before it is moved, of {load_mN:.4g} mN that count as "
+                f"{axis}: the load is {load_now_mN:.3g} mN before it is moved, of {touch.load_mN:.4g} mN that count as "
                 "contact; begin where nothing is touched (`start` in the rig file), or raise `--until`"
             )
-        start_um, at_um = self.positions_um()[axis], 0.0
-        while at_um < within_um:
-            at_um = min(at_um + step_um, within_um)
-            self.go_to({axis: start_um + at_um}, step_um)
-            if self.load_mN() >= load_mN:
+        start_um, way_um = self.positions_um()[axis], 0.0
+        while way_um < touch.within_um:
+            way_um = min(way_um + touch.step_um, touch.within_um)
+            self.go_to({axis: start_um + way_um}, touch.step_um)
+            if self.load_mN() >= touch.load_mN:
                 return self.positions_um()[axis]
-        return None
+        self.go_back_to({axis: start_um})
+        raise NeuroroboError(
+            f"{axis}: nothing was touched within {touch.within_um:g} um; let it look further (`--within`), or begin "
+            "nearer (`start` in the rig file)"
+        )
 
     def responses(self, axis: str, amplitude_um: float, times: int) -> dict[str, Response]:
         """Move an axis to and fro about where it is, and return how each component of the force follows it."""
@@ -183,7 +203,7 @@ class Moves:
 
     def load_mN(self) -> float:
         """Return the load, averaged over a while."""
-        return float(np.linalg.norm(self._felt_mN()))
+        return math.hypot(*self._felt_mN())
 
     def _felt_mN(self) -> list[float]:
         """Return the mean of each component of the force over :data:`FEELS_S`."""
@@ -195,7 +215,7 @@ class Moves:
         return [float(mean) for mean in np.mean(list(readings.values()), axis=0)]
 
     def _load_mN(self, reading: ForceReading) -> float:
-        return float(np.linalg.norm([reading.values[name] for name in self.forces]))
+        return math.hypot(*(reading.values[name] for name in self.forces))
 
 
 def _speed_um_s(track: list[tuple[int, float]]) -> float:

@@ -12,12 +12,14 @@ from neurorobo.config.faults import faults_of, raise_faults
 from neurorobo.errors import NeuroroboError
 from neurorobo.files import write_whole
 from neurorobo.plugins import Registry
+from stage_hardware.force_sensor import Component
 from stage_hardware.rig.rig_config import FORCE_SENSOR, RigConfig, load_rig
 
 Figure = Annotated[float, BeforeValidator(lambda value: float(f"{value:.5g}") if isinstance(value, float) else value)]
 """A number that was measured: more than five digits of it mean nothing."""
 
-STEPS = ("check", "home", "identify", "calibrate")
+OLDEST_MS, GAPS = 100.0, 20
+"""The age of a reading that stops: so much at least, and so many of the longest gaps between two."""
 
 
 class _Strict(BaseModel):
@@ -35,6 +37,11 @@ class Check(_Strict):
     offset: dict[str, Figure]
     noise: dict[str, Figure]
     """Mean and standard deviation of each component, mN and mN*m, from the sensor's own zero."""
+
+    @property
+    def oldest_ms(self) -> float:
+        """How old a reading may become before the rig is stopped."""
+        return max(OLDEST_MS, GAPS * self.sensor_gap_ms)
 
 
 class Home(_Strict):
@@ -118,17 +125,21 @@ class Commissioning:
             raise NeuroroboError(f"{self.path}: this needs `neurorobo rig {step} {self.path}` first; {why}")
 
     @property
+    def forces(self) -> dict[str, Component]:
+        """The sensor's components that are forces."""
+        components = self.config.force_sensor.build(FORCE_SENSOR).components
+        return {name: one for name, one in components.items() if one.unit == "mN"}
+
+    @property
     def noise_mN(self) -> float:
         """The standard deviation of the force, all components together."""
-        check, components = self.record.check, self.config.force_sensor.build(FORCE_SENSOR).components
-        assert check is not None
-        return math.hypot(*(check.noise[name] for name, one in components.items() if one.unit == "mN"))
+        assert self.record.check is not None
+        return math.hypot(*(self.record.check.noise[name] for name in self.forces))
 
     def least_contact_mN(self) -> float:
         """Return the least load that is beyond noise and resolution of the sensor."""
         self.require("check")
-        components = self.config.force_sensor.build(FORCE_SENSOR).components.values()
-        return max(10 * self.noise_mN, 5 * max(one.resolution for one in components if one.unit == "mN"))
+        return max(10 * self.noise_mN, 5 * max(one.resolution for one in self.forces.values()))
 
 
 def _digest(config: RigConfig) -> str:
