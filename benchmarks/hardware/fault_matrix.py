@@ -17,7 +17,8 @@ and a judge:
 - nothing hangs, no thread is left, no port stays open.
 
 Nothing here is a device: times are those of emulators on this machine, which may be busy otherwise. The load allowance
-is worst for a stop that comes while its line is busy; what was measured of each term is in the output.
+is worst for a stop that comes while its line is busy; what was measured of each term is in the output. All cases are
+kept in ``fault_matrix.json`` beside this file, and a whole matrix writes the table of ``docs/explanation/safety.md``.
 """
 
 import argparse
@@ -62,8 +63,11 @@ from neurorobo.plugins import Registry
 sys.path.append(str(Path(__file__).resolve().parents[1]))
 
 from machine import machine
+from page import between
 
 FILE = Path(__file__).with_suffix(".json")
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "explanation" / "safety.md"
+START, END = "<!-- fault_matrix.json -->", "<!-- end of fault_matrix.json -->"
 RIGS = tuple(PERIODS)
 PHASES = ("homing", "approach", "insertion", "retraction")
 WITHIN_S = 240.0
@@ -580,6 +584,36 @@ def figures(outcomes: Sequence[dict[str, Any]]) -> dict[str, Any]:
     return found
 
 
+_TIMES = ("reaction_ms", "trip_to_stand_ms")
+
+
+def table(content: dict[str, Any]) -> str:
+    """Return what was measured as a table in Markdown."""
+    rows = [
+        "| rig | cases | stops sent after, ms: p50, p99, max | standstill after, ms: p50, p99, max | allowed, ms | "
+        "beyond the limit at a hard wall, mN | allowed, mN |",
+        "| --- | --- | --- | --- | --- | --- | --- |",
+    ]
+    for name, found in content["figures"].items():
+        of_rig = [one for one in content["cases"] if one["rig"] + "-as-shipped" * one["as_shipped"] == name]
+        as_wanted = sum(not one["failures"] for one in of_rig)
+        cells = (
+            name.replace("-as-shipped", ", at the pace of the example"),
+            f"{as_wanted} of {len(of_rig)}",
+            *(", ".join(f"{found[key][of]:.1f}" for of in ("p50", "p99", "max")) for key in _TIMES),
+            f"{1e3 * found['allowance']['stops_s']:.0f}",
+            f"{found['beyond_stop_mN']['max']:.0f}",
+            f"{found['allowance']['load_mN_at_hard_wall']:.0f}",
+        )
+        rows.append(f"| {' | '.join(cells)} |")
+    return "\n".join(rows)
+
+
+def into_page(text: str, content: dict[str, Any]) -> str:
+    """Return a page with its table replaced."""
+    return between(text, START, END, table(content))
+
+
 def show(outcomes: Sequence[dict[str, Any]]) -> None:
     """Print a table of faults and phases, and what was measured."""
     phases = (*PHASES, "loop")
@@ -623,7 +657,11 @@ def main() -> int:
     for outcome in failed:
         print(f"FAILED {outcome['case']}: {'; '.join(outcome['failures'])}\n    {outcome.get('error')}")
     content = {"machine": machine(), "minutes": round(minutes, 1), "figures": figures(outcomes), "cases": outcomes}
-    arguments.out.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+    is_whole = len(outcomes) == len(list(cases()))
+    if is_whole or arguments.out != FILE:
+        arguments.out.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+    if is_whole and arguments.out == FILE:
+        PAGE.write_text(into_page(PAGE.read_text(encoding="utf-8"), content), encoding="utf-8")
     return int(bool(failed))
 
 

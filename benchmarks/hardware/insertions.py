@@ -163,9 +163,9 @@ def table(results: dict[str, Any]) -> str:
     return "\n".join(rows)
 
 
-def into_page(text: str, results: dict[str, Any]) -> str:
+def into_page(text: str, content: dict[str, Any]) -> str:
     """Return a page with its table replaced."""
-    return between(text, START, END, table(results))
+    return between(text, START, END, table(content["rigs"]))
 
 
 def main() -> None:
@@ -176,7 +176,7 @@ def main() -> None:
     parser.add_argument("--table", action="store_true", help="measure nothing, and write the table of the last time")
     arguments = parser.parse_args()
     if arguments.table:
-        PAGE.write_text(into_page(PAGE.read_text(), json.loads(RESULTS.read_text())["rigs"]))
+        PAGE.write_text(into_page(PAGE.read_text(), json.loads(RESULTS.read_text())))
         return
     results: dict[str, Any] = json.loads(RESULTS.read_text())["rigs"] if RESULTS.exists() else {}
     missed = []
@@ -195,8 +195,9 @@ def main() -> None:
         missed += misses(name, measured, arguments.episodes)
         if arguments.episodes >= EPISODES:
             results = {name: results[name] for name in CASES if name in results}
-            RESULTS.write_text(json.dumps({"machine": machine(), "rigs": results}, indent=2) + "\n")
-            PAGE.write_text(into_page(PAGE.read_text(), results))
+            content = {"machine": machine(), "rigs": results}
+            RESULTS.write_text(json.dumps(content, indent=2) + "\n")
+            PAGE.write_text(into_page(PAGE.read_text(), content))
     for miss in missed:
         print(f"MISSED {miss}")
     sys.exit(1 if missed else 0)

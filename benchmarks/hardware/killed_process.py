@@ -5,7 +5,8 @@ runs ``neurorobo run ... --arm`` on them and is killed at moments from a seeded 
 or goes to the start, half while it inserts. Nothing stops the controllers then. What holds is that a command is
 absolute and bounded: at most one is under way, or on the wire, for each axis, and the axis comes to rest at its target.
 Reported is how far each axis went after the death of the process, and the longest way that one command has; the search
-for an origin is one command too, and the longest. Nothing here is a device.
+for an origin is one command too, and the longest. Nothing here is a device. It keeps all in ``killed_process.json``
+beside this file, and writes a sentence of ``docs/explanation/safety.md``.
 """
 
 import argparse
@@ -25,8 +26,11 @@ from stage_hardware.emulators.mechanism import Mechanism
 sys.path.append(str(Path(__file__).resolve().parents[1]))
 
 from machine import machine
+from page import between
 
 FILE = Path(__file__).with_suffix(".json")
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "explanation" / "safety.md"
+START, END = "<!-- killed_process.json -->", "<!-- end of killed_process.json -->"
 MOMENTS = 20
 RESTS_WITHIN_S = 10.0
 ON_THE_WIRE_S = 0.3
@@ -127,6 +131,24 @@ def deaths(moments: int, seed: int) -> list[Death]:
     return [killed(rigs[index % 2], phases[index // 2 % 2], generator) for index in range(moments)]
 
 
+def sentence(content: dict[str, Any]) -> str:
+    """Return what was measured in words."""
+    deaths, farthest_um = content["deaths"], content["farthest_um"]
+    longest_um = max(death["longest_um"] for death in deaths if death["phase"] == "inserting")
+    most = max(count for death in deaths for count in death["commands"].values())
+    return (
+        f"Of {len(deaths)} killed processes, {sum(not death['misses'] for death in deaths)} left no more than one "
+        f"command for each axis (at most {most}), which ended by itself. While inserting, no axis went on by more than "
+        f"{farthest_um['inserting']:.0f} um, of {longest_um:.0f} um that one command may ask for; on the way to origin "
+        f"or start, {farthest_um['starting']:.0f} um."
+    )
+
+
+def into_page(text: str, content: dict[str, Any]) -> str:
+    """Return a page with what it says of killed processes replaced."""
+    return between(text, START, END, sentence(content))
+
+
 def main() -> int:
     """Kill some processes, and tell how far the axes went."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -151,6 +173,8 @@ def main() -> int:
         "deaths": [{**vars(d), "misses": d.misses()} for d in found],
     }
     arguments.out.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+    if arguments.out == FILE:
+        PAGE.write_text(into_page(PAGE.read_text(encoding="utf-8"), content), encoding="utf-8")
     return int(bool(missed))
 
 

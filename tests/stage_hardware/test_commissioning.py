@@ -1,15 +1,15 @@
 """``neurorobo rig``: from a rig file to one that is ready, on emulated devices, as a person does it."""
 
-import importlib
+import math
 import statistics
 from collections.abc import Iterator
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import yaml
 from click.testing import CliRunner, Result
+from stage_hardware.force_sensor import ForceReading
 from stage_hardware.rig.commissioning.command import rig as command
 from stage_hardware.rig.commissioning.dialogue import Dialogue
 from stage_hardware.rig.commissioning.moves import Moves, _lines, _speed_um_s
@@ -29,10 +29,8 @@ TOUCH = ("--touch", "x", "--within", "1200um", "--step", "50um")
 
 
 @pytest.fixture(autouse=True)
-def no_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Spare the 0.3 s that pyserial waits when it closes a TCP connection."""
-    protocol = importlib.import_module("serial.urlhandler.protocol_socket")
-    monkeypatch.setattr(protocol, "time", SimpleNamespace(sleep=lambda _: None))
+def listening_briefly(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("stage_hardware.rig.commissioning.check.LISTENS_S", 0.5)
 
 
 @pytest.fixture
@@ -63,6 +61,7 @@ def test_a_rig_is_commissioned_step_by_step(tmp_path: Path, emulated: EmulatedRi
     assert "home x? It looks for its origin at up to 10000 um/s" in told
     call(tmp_path, "identify", *TOUCH, "--amplitude", "15um")
     told = call(tmp_path, "calibrate", *TOUCH, "--clearance", "100um").output
+    assert "`radial`, `force` and `force_signs` are left out" in told
     record = Commissioning(tmp_path / "rig.yaml", registry()).record
     assert record.home is not None
     assert record.home.limit_mN == 500
@@ -119,6 +118,7 @@ def test_homing_goes_on_where_it_was_left(tmp_path: Path, emulated: EmulatedRig)
     assert "home y?" in told
     assert "home x?" not in told
     assert "--axis" in call(tmp_path, "home", *LIMIT).output
+    assert "home x?" in call(tmp_path, "home", *LIMIT, "--axis", "x").output
 
 
 def test_too_large_a_load_stops_a_touch_and_draws_it_back(tmp_path: Path, emulated: EmulatedRig) -> None:
@@ -179,6 +179,33 @@ def test_a_sensor_that_is_loaded_already_is_refused(tmp_path: Path) -> None:
     with EmulatedRig(loaded(tmp_path, rig("pi_gcs", emulate=pushed))) as running:
         written(tmp_path, running.config.dump())
         assert "Fy stands at" in refused(tmp_path, "check")
+
+
+def test_a_reading_that_is_no_number_is_refused(
+    tmp_path: Path, emulated: EmulatedRig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    call(tmp_path, "check")
+    whole = ForceReading.__init__
+
+    def spoilt(self: ForceReading, *arguments: object, **named: object) -> None:
+        whole(self, *arguments, **named)  # type: ignore[arg-type]
+        object.__setattr__(self, "unbiased", {name: math.nan for name in self.unbiased})
+
+    monkeypatch.setattr(ForceReading, "__init__", spoilt)
+    assert "reports what is no number" in refused(tmp_path, "check")
+
+
+def test_contacts_that_scatter_are_no_start(
+    tmp_path: Path, emulated: EmulatedRig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    call(tmp_path, "check")
+    call(tmp_path, "home", *LIMIT)
+    call(tmp_path, "identify")
+    contacts_um = iter([1000.0, 1060.0, 1000.0])
+    monkeypatch.setattr(Moves, "touch", lambda *_: next(contacts_um))
+    told = refused(tmp_path, "calibrate", *TOUCH, "--clearance", "100um", "--times", "3")
+    assert "x: contacts are 60 um apart" in told
+    assert not (tmp_path / "rig.calibrated.yaml").exists()
 
 
 def test_a_latched_rig_stays_so_until_a_person_resets_it(tmp_path: Path, emulated: EmulatedRig) -> None:

@@ -1,12 +1,10 @@
 """The driver of PI controllers against their emulator: what it promises, and what it does when things go wrong."""
 
-import importlib
 import math
 import sys
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
-from types import SimpleNamespace
 
 import pytest
 from hypothesis import given
@@ -45,13 +43,6 @@ def stands(state: StageState) -> bool:
 
 def driver(emulator: PiEmulator, axes: Mapping[str, PiAxis] = AXES, timeout_s: float = 0.3) -> PiStage:
     return PiStage("table", emulator.url, axes, timeout_s=timeout_s, identity="C-863")
-
-
-@pytest.fixture(autouse=True)
-def no_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Spare each test the 0.3 s that pyserial waits when it closes a TCP connection."""
-    protocol = importlib.import_module("serial.urlhandler.protocol_socket")
-    monkeypatch.setattr(protocol, "time", SimpleNamespace(sleep=lambda _: None))
 
 
 @pytest.fixture(params=WIRES)

@@ -1,11 +1,9 @@
 """Whole rigs of emulators: every device is driven by its driver, and the force follows from where axes are."""
 
-import importlib
 import sys
 import threading
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any, ClassVar, Literal
 
 import pytest
@@ -47,13 +45,6 @@ class Acme:
     @hookimpl
     def neurorobo_register(self, registry: Registrar) -> None:
         registry.add("physics", "acme.pressure", f"{__name__}:PressureConfig")
-
-
-@pytest.fixture(autouse=True)
-def no_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Spare each test the 0.3 s that pyserial waits when it closes a TCP connection."""
-    protocol = importlib.import_module("serial.urlhandler.protocol_socket")
-    monkeypatch.setattr(protocol, "time", SimpleNamespace(sleep=lambda _: None))
 
 
 @pytest.fixture(autouse=True)

@@ -51,6 +51,15 @@ def test_a_question_gets_its_answer(wire: tuple[Wire, Echo]) -> None:
         assert link.ask("after") == "after"
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="no pseudo-terminals")
+def test_a_port_is_not_shared_with_another_program() -> None:
+    with PseudoTerminal(Echo().answer) as wire:
+        with linked(wire), pytest.raises(LinkError, match="not in use"), linked(wire):
+            pass
+        with linked(wire) as again:
+            assert again.ask("mine") == "mine"
+
+
 def test_an_answer_in_pieces_is_one_answer(wire: tuple[Wire, Echo]) -> None:
     wire[0].faults.split_reply = 1
     with linked(wire[0]) as link:

@@ -1,13 +1,11 @@
 """The drivers of Venus-1 and Venus-2 against replies that are set by hand, taken from the tables of their words."""
 
-import importlib
 import re
 import threading
 import time
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from fractions import Fraction
-from types import SimpleNamespace
 
 import pytest
 from hypothesis import given
@@ -84,13 +82,6 @@ class Peer:
         questions = r"(.* )?(get\w+|p|pos|st|ge|np|nst|gne|gnv|identify)"
         heard, self.heard = self.heard, []
         return [words for words in heard if not re.fullmatch(questions, words)]
-
-
-@pytest.fixture(autouse=True)
-def no_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Spare each test the 0.3 s that pyserial waits when it closes a TCP connection."""
-    protocol = importlib.import_module("serial.urlhandler.protocol_socket")
-    monkeypatch.setattr(protocol, "time", SimpleNamespace(sleep=lambda _: None))
 
 
 @pytest.fixture

@@ -73,6 +73,7 @@ class SerialLink:
             port = serial.serial_for_url(self.url, do_not_open=True)
             port.baudrate, port.timeout, port.write_timeout = self.baud, POLL_S, self.timeout_s
             port.rtscts = self._flow_control
+            port.exclusive = True  # two programs on one line would take each other's answers
             port.open()
         except (OSError, ValueError) as error:
             raise LinkError(

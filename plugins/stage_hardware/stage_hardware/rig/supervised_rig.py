@@ -198,11 +198,11 @@ class SupervisedRig:
         self._call(lambda: self.rig.wait_until_at_rest(2.0))
         self.machine.rest()
 
-    def home(self, order: Sequence[Sequence[str]]) -> None:
-        """Home the axes that do not know where they are, group by group."""
-        referenced = {name for name, state in self._call(self.rig.state).items() if state.referenced}
+    def home(self, order: Sequence[Sequence[str]], *, again: bool = False) -> None:
+        """Home the axes that do not know where they are, or with ``again`` all, group by group."""
+        known = {name for name, state in self._call(self.rig.state).items() if state.referenced and not again}
         for group in order:
-            if waiting := [axis for axis in group if axis not in referenced]:
+            if waiting := [axis for axis in group if axis not in known]:
                 self._set_out(partial(self.rig.home, waiting))
                 ways_s = sum((axis.hi - axis.lo) / axis.speed for axis in map(self.rig.axes.__getitem__, waiting))
                 self.wait_until_at_rest(ways_s / HOMES_AT_LEAST_AT + TURNS_WITHIN_S)

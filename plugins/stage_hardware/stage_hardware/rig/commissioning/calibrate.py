@@ -35,7 +35,8 @@ def calibrate(
 ) -> None:
     """Go to the start, jog, touch several times, and write the rig whose start is ``clearance_um`` before contact.
 
-    Raises a DeclinedError where a person does not agree, and a SafetyError if something stops the rig.
+    Raises a NeuroroboError if the contacts are further apart than half of ``clearance_um``, a DeclinedError where a
+    person does not agree, and a SafetyError if something stops the rig.
     """
     commissioning.require("identify")
     config = commissioning.config
@@ -58,15 +59,25 @@ def calibrate(
             dialogue.say(f"{touch.axis}: contact at {at_um:g} um")
             touches_um.append(at_um)
             moves.go_back_to({touch.axis: here_um[touch.axis]})
+    if (scatter_um := max(touches_um) - min(touches_um)) > clearance_um / 2:
+        raise NeuroroboError(
+            f"{touch.axis}: contacts are {scatter_um:.3g} um apart, too much for a start {clearance_um:g} um before "
+            "contact; find out what gives way, take smaller steps (`--step`), or stay further away (`--clearance`)"
+        )
     begins_um = {**here_um, touch.axis: fmean(touches_um) - clearance_um}
     start_um = {axis: config.frames[axis].to_axis(position) for axis, position in begins_um.items()}
     commissioning.record.calibrate = Calibrate(start_um=start_um, touches_um=touches_um)
     commissioning.save()
     calibrated = _starting_at(config, start_um, out)
     write_whole(out, f"{MARK} from {commissioning.path}; comments are not carried over.\n{calibrated}".encode())
-    body = document.dump(_body(commissioning, out, limit_mN, touch.axis, clearance_um))
-    write_whole(body_file, f"{BODY_HEAD}{body}".encode())
+    body = _body(commissioning, out, limit_mN, touch.axis, clearance_um)
+    write_whole(body_file, f"{BODY_HEAD}{document.dump(body)}".encode())
     dialogue.say(f"rig file: {out}\nbody of an experiment: {body_file}")
+    if "radial" not in body:
+        dialogue.say(
+            f"`radial`, `force` and `force_signs` are left out: it is not known which components follow two axes "
+            f"beside {touch.axis}; see `neurorobo rig identify --touch {touch.axis}`"
+        )
 
 
 def _jog(moves: Moves, dialogue: Dialogue) -> None:

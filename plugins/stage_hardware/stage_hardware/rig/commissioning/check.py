@@ -88,6 +88,9 @@ def _sensor(config: RigConfig, dialogue: Dialogue) -> dict[str, object]:
         raise HardwareError(sensor.name, last.fault, "see to the sensor, then check again")
     if len(readings) < 3:
         raise HardwareError(sensor.name, f"{len(readings)} readings in {LISTENS_S:g} s", "see to its rate and network")
+    if not all(math.isfinite(value) for reading in readings for value in reading.unbiased.values()):
+        fault = "reports what is no number"
+        raise HardwareError(sensor.name, fault, "see to its calibration and wiring, then check again")
     passed_ns = readings[-1].time_ns - readings[0].time_ns
     rate_Hz = (readings[-1].sequence - readings[0].sequence) / (passed_ns * 1e-9)
     lost = last.lost - readings[0].lost

@@ -9,7 +9,7 @@ from stage_hardware.rig.commissioning.record import Commissioning, Home
 
 
 def home(commissioning: Commissioning, dialogue: Dialogue, axes: Sequence[str], limit_mN: float) -> None:
-    """Home ``axes`` in this order, or all that were not homed yet by this command.
+    """Home ``axes`` in this order; without any, those that do not know where they are and were not homed yet.
 
     Raises a DeclinedError where a person does not agree, and a SafetyError if something stops the rig.
     """
@@ -22,7 +22,7 @@ def home(commissioning: Commissioning, dialogue: Dialogue, axes: Sequence[str], 
         return
     with Moves(commissioning, dialogue, limit_mN) as moves:
         for axis in wanted:
-            if moves.referenced()[axis]:
+            if moves.referenced()[axis] and axis not in axes:
                 dialogue.say(f"{axis}: knows where it is, by its controller's account")
                 done.took_s.setdefault(axis, 0.0)
             else:

@@ -38,8 +38,10 @@ def identify(
             if axis in done.axes:
                 dialogue.say(f"{axis}: its free run is known already")
                 continue
-            from_um, to_um = _free_way(moves.positions_um()[axis], moves.limits_um(axis), way_um)
-            moves.ask(f"move {axis} from {from_um:g} to {to_um:g} um and back, twice? It has to touch nothing.")
+            here_um = moves.positions_um()[axis]
+            from_um, to_um = _free_way(here_um, moves.limits_um(axis), way_um)
+            enters = "" if from_um == here_um else f"to {from_um:g} um, where its travel begins, then "
+            moves.ask(f"move {axis} from {here_um:g} {enters}to {to_um:g} um and back, twice? It has to touch nothing.")
             moves.go_to({axis: from_um})
             done.axes[axis] = moves.free_run(axis, to_um)
             commissioning.save()

@@ -117,9 +117,9 @@ class Moves:
         return self._rig.rig.limits(axis)
 
     def home(self, axis: str) -> float:
-        """Let an axis look for its origin, and return how long that took (s)."""
+        """Let an axis look for its origin, also if it knows where it is, and return how long that took (s)."""
         began_s = time.monotonic()
-        self._rig.home([[axis]])
+        self._rig.home([[axis]], again=True)
         return time.monotonic() - began_s
 
     def go_to(self, targets: Mapping[str, float], step_um: float = LONGEST_MOVE_UM) -> None:

@@ -1,0 +1,159 @@
+"""What a driver adds to the time that its bytes need on the wire.
+
+Run ``python benchmarks/hardware/driver_cost.py`` on an otherwise idle machine (three minutes; ``--rounds`` for less).
+`neurorobo emulate` brings up the controllers of both example rigs on pseudo-terminals, at the pace of their baud rates,
+in a process of its own. Each controller is asked for its state by its driver and, in turn with that, by a bare loop
+that writes the same bytes to the same port and waits for as many to come back. What the driver takes longer in the
+median is its cost, wanted to be at most 5 % of the wire time: ten bits for each byte, both ways. It prints what is
+measured, and exits with 1 if a figure is missed.
+"""
+
+import argparse
+import statistics
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+from insertions import CASES, emulated
+from stage_hardware.links.serial_link import SerialLink
+from stage_hardware.rig.rig_config import load_rig
+
+MOST = 0.05
+ROUNDS = 200
+BITS_OF_A_BYTE = 10
+
+
+@dataclass(frozen=True)
+class Cost:
+    """Medians of a state asked for by a driver and by a bare loop, and the time of their bytes on the wire (ms)."""
+
+    controller: str
+    wire_ms: float
+    bare_ms: float
+    driver_ms: float
+
+    @property
+    def share(self) -> float:
+        """What the driver adds, as a share of the wire time."""
+        return (self.driver_ms - self.bare_ms) / self.wire_ms
+
+
+class Transcript:
+    """A port in whose place it stands, and what went over it: the bytes of each question, how many answered it."""
+
+    def __init__(self, port: Any) -> None:
+        """Note what goes over a port."""
+        self._port, self.exchanges = port, list[tuple[bytes, int]]()
+
+    def __getattr__(self, name: str) -> Any:
+        """Leave everything else to the port."""
+        return getattr(self._port, name)
+
+    def write(self, data: bytes) -> None:
+        """Begin an exchange."""
+        self._port.write(data)
+        self.exchanges.append((data, 0))
+
+    def read(self, size: int) -> bytes:
+        """Count what answers the last question."""
+        data: bytes = self._port.read(size)
+        question, answered = self.exchanges[-1]
+        self.exchanges[-1] = question, answered + len(data)
+        return data
+
+
+@contextmanager
+def opened_links() -> Iterator[list[SerialLink]]:
+    """Yield the links that are opened, as drivers keep them to themselves."""
+    links: list[SerialLink] = []
+    open_link = SerialLink.open
+
+    def noted(link: SerialLink) -> None:
+        open_link(link)
+        links.append(link)
+
+    SerialLink.open = noted  # type: ignore[method-assign, assignment]
+    try:
+        yield links
+    finally:
+        SerialLink.open = open_link  # type: ignore[method-assign]
+
+
+def on_a_port(rig: Path, folder: Path) -> Path:
+    """Write a rig whose controllers are all on serial ports, and return its file."""
+    document = yaml.safe_load(rig.read_text())
+    for controller in document["controllers"].values():
+        controller["port"] = "/dev/ttyUSB0"
+    written = folder / f"{rig.stem}.yaml"
+    written.write_text(yaml.safe_dump(document, sort_keys=False))
+    return written
+
+
+def measured(rig: Path, rounds: int) -> Iterator[Cost]:
+    """Yield what the driver of each controller costs."""
+    with tempfile.TemporaryDirectory() as name, emulated(on_a_port(rig, Path(name)), Path(name)) as addresses:
+        config = load_rig(addresses)
+        for controller, device in config.controllers.items():
+            stage = device.build(controller)
+            with opened_links() as links:
+                stage.connect()
+            try:
+                yield _measured(stage, links[-1], rounds, f"{rig.stem}, {controller}: {device.type}")
+            finally:
+                stage.close()
+
+
+def _measured(stage: Any, link: SerialLink, rounds: int, name: str) -> Cost:
+    port: Any = link._port
+    stage.state()
+    link._port = transcript = Transcript(port)  # type: ignore[assignment]
+    stage.state()
+    link._port = port
+    poll_s = port.timeout
+    by_driver_s, bare_s = [], []
+    for _ in range(rounds):
+        began_s = time.perf_counter()
+        stage.state()
+        by_driver_s.append(time.perf_counter() - began_s)
+        port.timeout = 1.0
+        began_s = time.perf_counter()
+        for question, answered in transcript.exchanges:
+            port.write(question)
+            if len(port.read(answered)) < answered:
+                raise RuntimeError(f"{name}: {question!r} is not answered as before")
+        bare_s.append(time.perf_counter() - began_s)
+        port.timeout = poll_s
+    bytes_on_wire = sum(len(question) + answered for question, answered in transcript.exchanges)
+    return Cost(
+        name,
+        wire_ms=1e3 * bytes_on_wire * BITS_OF_A_BYTE / port.baudrate,
+        bare_ms=1e3 * statistics.median(bare_s),
+        driver_ms=1e3 * statistics.median(by_driver_s),
+    )
+
+
+def main() -> int:
+    """Measure and print; return 1 if a wanted figure is missed."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--rounds", type=int, default=ROUNDS)
+    arguments = parser.parse_args()
+    costs = [cost for case in CASES.values() for cost in measured(case.rig, arguments.rounds)]
+    for cost in costs:
+        print(
+            f"{cost.controller}: {cost.wire_ms:.2f} ms on the wire, {cost.bare_ms:.2f} ms by a bare loop, "
+            f"{cost.driver_ms:.2f} ms by the driver, {cost.share:+.1%} of the wire time"
+        )
+    missed = [cost for cost in costs if cost.share > MOST]
+    for cost in missed:
+        print(f"MISSED: {cost.controller} takes {cost.share:.1%} more, wanted at most {MOST:.0%}")
+    return int(bool(missed))
+
+
+if __name__ == "__main__":
+    sys.exit(main())
