@@ -16,7 +16,7 @@ import math
 import threading
 import time
 from abc import abstractmethod
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from decimal import Decimal
@@ -523,8 +523,9 @@ class Venus1Stage(VenusStage):
             moving = self._sent or set(self.axes)
         else:
             moving = set()
-            if not self._switches:  # they must not be asked for on the way
-                self._switches = {name: self._switch_states(name) for name in self.axes}
+            for name in self.axes:
+                if name not in self._switches:  # which must not be asked for on the way
+                    self._switches[name] = self._switches_at_rest(name, positions)
         return Reading(
             time_ns,
             {name: axis.position(positions[axis.number - 1]) for name, axis in self._axes.items()},
@@ -532,6 +533,14 @@ class Venus1Stage(VenusStage):
             [name for name, (lower, _) in self._switches.items() if lower],
             [name for name, (_, upper) in self._switches.items() if upper],
         )
+
+    def _switches_at_rest(self, name: str, positions: Sequence[float]) -> tuple[bool, bool]:
+        """Ask for the switches, unless the axis came to where it was sent: there are none, and a period is short."""
+        axis, target = self._axes[name], self._rests_at.get(name)
+        is_there = target is not None and axis.is_near(axis.position(positions[axis.number - 1]), target)
+        if is_there and name in self._sent and name not in self._homing:
+            return False, False
+        return self._switch_states(name)
 
     def _switch_states(self, name: str) -> tuple[bool, bool]:
         words = f"{self._axes[name].number} getswst"
