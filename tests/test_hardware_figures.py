@@ -2,10 +2,12 @@
 
 import json
 import runpy
+import time
 from pathlib import Path
 from typing import Any
 
 import pytest
+from pauses import Pause, pauses_of_the_machine
 
 FOLDER = Path(__file__).parents[1] / "benchmarks" / "hardware"
 
@@ -42,3 +44,30 @@ def test_every_killed_process_left_one_command_at_most() -> None:
     _, measured = read("killed_process")
     assert len(measured["deaths"]) >= 20
     assert not any(death["misses"] for death in measured["deaths"])
+
+
+def test_a_late_period_is_excused_by_a_pause_as_long_and_by_nothing_else() -> None:
+    benchmark = runpy.run_path(str(FOLDER / "insertions.py"))
+    pauses = [Pause(110_000_000, 150_000_000)]
+
+    def excused(deadline_ms: float, *late_ms: float) -> list[bool]:
+        """Of periods of 50 ms, one after the other, the first of which is due then."""
+        dues_ns = [round(1e6 * (deadline_ms + 50 * index)) for index in range(len(late_ms))]
+        late = [{"deadline_ns": due_ns, "late_ms": ms} for due_ns, ms in zip(dues_ns, late_ms, strict=True)]
+        found = benchmark["with_pauses"](late, 50.0, pauses)
+        return [benchmark["late_unpaused"]({"late": [one]}) == 0 for one in found]
+
+    assert excused(140, 30) == [True]
+    assert excused(140, 41) == [False]
+    assert excused(140, 35, 3) == [True, True]  # the second is late as the first was
+    assert excused(400, 1) == [False]
+    assert excused(50, 1) == [False]
+
+
+def test_the_machine_is_watched_until_the_end() -> None:
+    """Whether it pauses meanwhile, nobody can say."""
+    with pauses_of_the_machine() as pauses:
+        began_ns = time.monotonic_ns()
+        time.sleep(0.05)
+        ended_ns = time.monotonic_ns()
+    assert all(began_ns - 1e9 < pause.began_ns < pause.ended_ns < ended_ns + 1e9 for pause in pauses)

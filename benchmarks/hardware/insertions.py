@@ -4,8 +4,10 @@ Run ``python benchmarks/hardware/insertions.py`` on an otherwise idle machine (4
 for less). For each rig, `neurorobo emulate` brings it up in a process of its own, and `neurorobo run --arm` inserts
 once for each seed from 0 on; the simulation runs the same seeds, with the same contact law, stiffness and period.
 Wanted: all insertions succeed, the mean force is within 10 % of the simulation's, and of at least ten minutes of
-periods none is late. It writes ``insertions.json`` beside itself and the table of ``docs/how_to/run_on_hardware.md``,
-prints what is measured, and exits with 1 if a figure is missed. ``--table`` only writes the table anew.
+periods none is late. A period that is late by less than the machine itself paused in it (:mod:`pauses`) is told, and
+counted apart: a virtual machine stands still at times, whatever runs on it. It writes ``insertions.json`` beside itself
+and the table of ``docs/how_to/run_on_hardware.md``, prints what is measured, and exits with 1 if a figure is missed.
+``--table`` only writes the table anew.
 """
 
 import argparse
@@ -27,6 +29,7 @@ import yaml
 sys.path.append(str(Path(__file__).resolve().parents[1]))
 from machine import machine
 from page import between
+from pauses import Pause, pauses_of_the_machine
 
 ROOT = Path(__file__).resolve().parents[2]
 HARDWARE = ROOT / "examples" / "peg_in_hole_hardware.yaml"
@@ -46,15 +49,17 @@ class Case:
 
     rig: Path
     simulation: Path
+    period_ms: float
     overrides: tuple[str, ...] = ()
     resolution: str = "0.5 um"
 
 
 CASES = {
-    "1 Hz": Case(ROOT / "examples/rigs/shot_ds102.yaml", ROOT / "examples/peg_in_hole.yaml"),
+    "1 Hz": Case(ROOT / "examples/rigs/shot_ds102.yaml", ROOT / "examples/peg_in_hole.yaml", 1000.0),
     "20 Hz": Case(
         ROOT / "examples/rigs/pi_venus.yaml",
         ROOT / "examples/peg_in_hole_fast.yaml",
+        50.0,
         ("time.radial=50 ms",),
         "0.1 um",
     ),
@@ -104,10 +109,37 @@ def measure(case: Case, episodes: int) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         simulated = run(case.simulation, folder / "simulated", episodes, case.overrides)
-        with emulated(case.rig, folder) as rig:
+        with emulated(case.rig, folder) as rig, pauses_of_the_machine() as pauses:
             overrides = (*case.overrides, f"body={hardware_body(case, rig)}")
             real = run(case.simulation, folder / "rig", episodes, overrides, "--arm")
-    return {"rig": figures(real), "simulation": figures(simulated), "timing": real["timing"]}
+    lengths_ms = [(pause.ended_ns - pause.began_ns) / 1e6 for pause in pauses]
+    late = with_pauses(real["timing"].pop("late"), case.period_ms, pauses)
+    return {
+        "rig": figures(real),
+        "simulation": figures(simulated),
+        "timing": real["timing"],
+        "late": late,
+        "pauses": {"count": len(pauses), "longest_ms": max(lengths_ms, default=0.0)},
+    }
+
+
+def with_pauses(late: Sequence[dict[str, Any]], period_ms: float, pauses: Sequence[Pause]) -> list[dict[str, Any]]:
+    """Return late periods with the longest pause of the machine in each, or in those before that it is late after."""
+    found: list[dict[str, Any]] = []
+    period_ns = round(1e6 * period_ms)
+    began_ns = ended_ns = 0
+    for one in late:
+        due_ns = one["deadline_ns"]
+        began_ns = began_ns if due_ns - period_ns < ended_ns else due_ns - period_ns
+        ended_ns = due_ns + round(1e6 * one["late_ms"])
+        paused_ns = max((pause.within_ns(began_ns, ended_ns) for pause in pauses), default=0)
+        found.append({**one, "paused_ms": paused_ns / 1e6})
+    return found
+
+
+def late_unpaused(measured: dict[str, Any]) -> int:
+    """Return how many periods were late by more than the machine had paused in them."""
+    return sum(one["late_ms"] > one["paused_ms"] for one in measured["late"])
 
 
 def figures(ended: dict[str, Any]) -> dict[str, Any]:
@@ -129,12 +161,12 @@ def figures(ended: dict[str, Any]) -> dict[str, Any]:
 
 def misses(name: str, measured: dict[str, Any], episodes: int) -> list[str]:
     """Return what is not as wanted."""
-    rig, timing = measured["rig"], measured["timing"]
+    rig = measured["rig"]
     difference = rig["mean_force_mN"] / measured["simulation"]["mean_force_mN"] - 1
     wanted = {
         f"{rig['inserted']} of {episodes} inserted": rig["inserted"] == episodes,
         f"the mean force differs from the simulation's by {difference:+.1%}": abs(difference) <= LARGEST_DIFFERENCE,
-        f"{timing['overruns']} periods were late": timing["overruns"] == 0,
+        f"{late_unpaused(measured)} periods were late though the machine did not pause": not late_unpaused(measured),
         f"only {rig['seconds']:.0f} s of periods": episodes < EPISODES or rig["seconds"] >= LEAST_S,
     }
     return [f"{name}: {miss}" for miss, is_well in wanted.items() if not is_well]
@@ -144,8 +176,8 @@ def table(results: dict[str, Any]) -> str:
     """Return the figures of all rigs as a table in Markdown."""
     rows = [
         "| rig | inserted | mean force, mN | in the simulation, mN | largest, mN | late periods | "
-        "sensors to commands, ms: p50, p99, max |",
-        "| --- | --- | --- | --- | --- | --- | --- |",
+        "late though the machine did not pause | its pauses, the longest | sensors to commands, ms: p50, p99, max |",
+        "| --- | --- | --- | --- | --- | --- | --- | --- | --- |",
     ]
     for name, measured in results.items():
         rig, simulation, timing = measured["rig"], measured["simulation"], measured["timing"]
@@ -157,6 +189,8 @@ def table(results: dict[str, Any]) -> str:
             *forces,
             f"{rig['max_force_mN']:.0f}, {simulation['max_force_mN']:.0f} simulated",
             f"{timing['overruns']} of {timing['periods']}",
+            f"{late_unpaused(measured)}",
+            f"{measured['pauses']['count']}, {measured['pauses']['longest_ms']:.0f} ms",
             latencies,
         )
         rows.append(f"| {' | '.join(cells)} |")
@@ -192,6 +226,12 @@ def main() -> None:
         timing = measured["timing"]
         latency = ", ".join(f"{key} {value:.1f} ms" for key, value in timing["latency_ms"].items())
         print(f"{name}: {timing['periods']} periods, {timing['overruns']} late; sensors to commands: {latency}")
+        for one in measured["late"]:
+            print(
+                f"  {one['late_ms']:.1f} ms late, in a period with a pause of the machine of {one['paused_ms']:.1f} ms"
+            )
+        pauses = measured["pauses"]
+        print(f"{name}: the machine paused {pauses['count']} times, for {pauses['longest_ms']:.1f} ms at most")
         missed += misses(name, measured, arguments.episodes)
         if arguments.episodes >= EPISODES:
             results = {name: results[name] for name in CASES if name in results}

@@ -34,8 +34,15 @@ class Pacer:
     ) -> None:
         """Say what to do with a period that takes too long; ``clock`` counts nanoseconds, ``sleep`` takes seconds."""
         self.overrun, self._clock, self._sleep = overrun, clock, sleep
-        self.periods = self.overruns = self.skipped = 0
+        self.periods = self.skipped = 0
+        self.late: list[tuple[int, int]] = []
+        """Of periods that took too long, when they were to end, by the clock, and by how much they ended later (ns)."""
         self.start()
+
+    @property
+    def overruns(self) -> int:
+        """How many periods took too long."""
+        return len(self.late)
 
     def start(self) -> None:
         """Begin the grid now; the counts go on."""
@@ -51,7 +58,7 @@ class Pacer:
         self.periods += 1
         late_ns = self._clock() - self._deadline_ns
         if late_ns > 0:
-            self.overruns += 1
+            self.late.append((self._deadline_ns, late_ns))
             if self.overrun == "stop":
                 raise MissedDeadlineError(
                     f"period {self.periods} of {duration_ns / 1e6:g} ms ended {late_ns / 1e6:.1f} ms late: the body "

@@ -61,6 +61,7 @@ def test_held_periods_catch_up_on_the_grid() -> None:
         ends.append((clock.ns - 7) / 1e6)
     assert ends == [120, 130, 150, 200]
     assert (pacer.overruns, pacer.skipped) == (2, 0)
+    assert [((due_ns - 7) / 1e6, late_ns / 1e6) for due_ns, late_ns in pacer.late] == [(50, 70), (100, 30)]
 
 
 def test_skipped_periods_are_left_out() -> None:

@@ -514,8 +514,10 @@ def test_a_switch_on_the_way_is_told_and_not_asked_for_while_it_moves(corvus: tu
         assert state.fault == "axis x ran onto a limit switch: move it back"
         stage.move_to({"x": 500.0})
         peer.replies |= {"p": "1.5 0.0 0.0", "1 getswst": "0 0"}
+        peer.heard.clear()
         state = stage.state()
         assert state.fault is None and not state.axes["x"].at_upper_limit
+        assert "1 getswst" not in peer.heard, "it is where it was sent"
 
 
 # Venus-2

@@ -341,6 +341,7 @@ class SupervisedRig:
         """Return what became of the deadlines, ready for JSON."""
         return {
             "overruns": self.pacer.overruns,
+            "late": [{"deadline_ns": due_ns, "late_ms": late_ns / 1e6} for due_ns, late_ns in self.pacer.late],
             "skipped": self.pacer.skipped,
             "readings_lost": self.rig.sensor.latest().lost,
             "tripped_ns": self.watch.tripped_ns,
