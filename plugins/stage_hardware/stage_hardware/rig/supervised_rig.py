@@ -357,6 +357,7 @@ class SupervisedRig:
             states = self._ask()
             moving = [axis for axis, state in states.items() if state.moving]
             if not moving:
+                self._check()  # what stands may have been stopped
                 return states
             if time.monotonic() > ends:
                 fault = f"{', '.join(moving)} still moves after {within_s:.1f} s"
