@@ -181,7 +181,7 @@ def table(results: dict[str, Any]) -> str:
     ]
     for name, measured in results.items():
         rig, simulation, timing = measured["rig"], measured["simulation"], measured["timing"]
-        forces = [f"{of['mean_force_mN']:.1f} ± {of['standard_error_mN']:.1f}" for of in (rig, simulation)]
+        forces = [f"{of['mean_force_mN']:.2f} ± {of['standard_error_mN']:.2f}" for of in (rig, simulation)]
         latencies = ", ".join(f"{timing['latency_ms'][key]:.1f}" for key in ("p50", "p99", "max"))
         cells = (
             name,
