@@ -63,8 +63,9 @@ class Transcript:
     def read(self, size: int) -> bytes:
         """Count what answers the last question."""
         data: bytes = self._port.read(size)
-        question, answered = self.exchanges[-1]
-        self.exchanges[-1] = question, answered + len(data)
+        if data:
+            question, answered = self.exchanges[-1]
+            self.exchanges[-1] = question, answered + len(data)
         return data
 
 
@@ -115,7 +116,6 @@ def _measured(stage: Any, link: SerialLink, rounds: int, name: str) -> Cost:
     link._port = transcript = Transcript(port)  # type: ignore[assignment]
     stage.state()
     link._port = port
-    poll_s = port.timeout
     by_driver_s, bare_s = [], []
     for _ in range(rounds):
         began_s = time.perf_counter()
@@ -128,7 +128,7 @@ def _measured(stage: Any, link: SerialLink, rounds: int, name: str) -> Cost:
             if len(port.read(answered)) < answered:
                 raise RuntimeError(f"{name}: {question!r} is not answered as before")
         bare_s.append(time.perf_counter() - began_s)
-        port.timeout = poll_s
+        port.timeout = 0
     bytes_on_wire = sum(len(question) + answered for question, answered in transcript.exchanges)
     return Cost(
         name,

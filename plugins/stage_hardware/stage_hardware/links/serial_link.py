@@ -1,6 +1,8 @@
 """A serial line, or a TCP connection that stands for one: lines out, lines in, and a way past them for a stop."""
 
+import select
 import socket
+import sys
 import threading
 import time
 from collections.abc import Callable
@@ -13,6 +15,9 @@ if TYPE_CHECKING:
 
 POLL_S = 0.005
 """How long a read waits at most before it looks whether a stop wants the line."""
+
+AT_ONCE_BYTES = 4096
+"""How much a read takes at most of what has come."""
 
 STOP_WAITS_S = 0.05
 """How long a stop lets a transaction end by itself; then it writes all the same."""
@@ -71,7 +76,7 @@ class SerialLink:
             ) from None
         try:
             port = serial.serial_for_url(self.url, do_not_open=True)
-            port.baudrate, port.timeout, port.write_timeout = self.baud, POLL_S, self.timeout_s
+            port.baudrate, port.timeout, port.write_timeout = self.baud, 0, self.timeout_s
             port.rtscts = self._flow_control
             port.exclusive = True  # two programs on one line would take each other's answers
             port.open()
@@ -161,12 +166,16 @@ class SerialLink:
 
     def _catch_up(self) -> None:
         """Throw away what belongs to no command: what has come by now, and after a missing reply what comes late."""
-        thrown = bytearray() if self._knows_replies else self._received
-        self._received = self._received if self._knows_replies else bytearray()
+        thrown = bytearray()
+        if not self._knows_replies:
+            thrown, self._received = self._received, thrown
+        if not (self._receive() or self._received or thrown or self._is_behind) and self._owed == 0:
+            return  # as nearly always, and each command waits for it
         wait_until = time.monotonic() + (self.timeout_s if self._is_behind and not self._knows_replies else 0.0)
-        while self._has_come() or (not self._has_all() and time.monotonic() < wait_until):
-            self._read()
+        has_to_wait = not self._has_all() and time.monotonic() < wait_until
+        while self._receive(waits=has_to_wait) or has_to_wait:
             self._refuse_if_stopping()
+            has_to_wait = not self._has_all() and time.monotonic() < wait_until
         lines, end, rest = self._received.rpartition(self._reply_ends)
         thrown += lines + end if self._knows_replies else self._received
         self._received = rest if self._knows_replies else bytearray()
@@ -192,26 +201,22 @@ class SerialLink:
                     f"no reply to {command!r} within {timeout_s:g} s",
                     "see that it is switched on, and that baud rate and cable are right",
                 )
-            self._read()
+            self._receive(waits=True)
         line = bytes(self._received[:end])
         del self._received[: end + len(self._reply_ends)]
         return line.decode("ascii", errors="replace")
 
-    def _has_come(self) -> bool:
-        """Return whether there is something to read, without waiting."""
+    def _receive(self, *, waits: bool = False) -> bool:
+        """Add what has come to what was received, waiting for a moment if nothing has; return whether something had."""
         port = self._opened()
         try:
-            return port.in_waiting > 0
-        except (OSError, ValueError, TypeError) as error:
-            raise self._lost(error) from error
-
-    def _read(self) -> None:
-        """Add what has come to what was received, waiting for a moment if nothing has."""
-        port = self._opened()
-        try:
-            self._received += port.read(max(1, port.in_waiting))
+            if waits:
+                _wait_for_bytes(port)
+            received = port.read(AT_ONCE_BYTES)
         except (OSError, ValueError, TypeError) as error:  # the last of a port that another thread closes meanwhile
             raise self._lost(error) from error
+        self._received += received
+        return bool(received)
 
     def _write(self, data: bytes) -> None:
         port = self._opened()
@@ -230,3 +235,11 @@ class SerialLink:
 
     def _interrupted(self) -> InterruptedByStopError:
         return InterruptedByStopError(self.device, "a stop came first", "look at the state before the next command")
+
+
+def _wait_for_bytes(port: "serial.Serial") -> None:
+    """Wait until there is something to read, for a moment at most; where no port can be waited for, a little of it."""
+    if sys.platform == "win32":
+        time.sleep(POLL_S / 5)
+    else:
+        select.select([port], [], [], POLL_S)
