@@ -17,7 +17,7 @@ def read(name: str) -> tuple[dict[str, Any], dict[str, Any]]:
     return runpy.run_path(str(FOLDER / f"{name}.py")), json.loads((FOLDER / f"{name}.json").read_text())
 
 
-@pytest.mark.parametrize("name", ["insertions", "fault_matrix", "killed_process"])
+@pytest.mark.parametrize("name", ["insertions", "fault_matrix", "killed_process", "driver_cost"])
 def test_the_page_shows_what_was_measured(name: str) -> None:
     benchmark, measured = read(name)
     page = benchmark["PAGE"].read_text(encoding="utf-8")
@@ -47,6 +47,12 @@ def test_every_killed_process_left_one_command_at_most() -> None:
     _, measured = read("killed_process")
     assert len(measured["deaths"]) >= 20
     assert not any(death["misses"] for death in measured["deaths"])
+
+
+def test_no_driver_costs_more_than_is_wanted() -> None:
+    benchmark, measured = read("driver_cost")
+    assert len(measured["controllers"]) == 4
+    assert all(benchmark["Cost"](**one).share <= benchmark["MOST"] for one in measured["controllers"])
 
 
 def test_a_late_period_is_explained_by_a_pause_as_long_and_by_nothing_else() -> None:

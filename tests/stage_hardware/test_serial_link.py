@@ -51,6 +51,26 @@ def test_a_question_gets_its_answer(wire: tuple[Wire, Echo]) -> None:
         assert link.ask("after") == "after"
 
 
+def test_a_port_that_is_no_file_answers_as_well() -> None:
+    """As on Windows, and at a port behind another computer; this one sends back what is written to it."""
+    link = SerialLink("stage", "loop://", baud=115200, ends=b"\n", reply_ends=b"\n", timeout_s=0.1)
+    link.open()
+    try:
+        assert [link.ask(word) for word in ("one", "two")] == ["one", "two"]
+        with pytest.raises(ReplyTimeoutError):
+            link.read_line()
+    finally:
+        link.close()
+
+
+def test_what_does_not_fit_into_the_line_at_once_goes_out_all_the_same(wire: tuple[Wire, Echo]) -> None:
+    with linked(wire[0], timeout_s=5.0) as link:
+        long = "x" * 100_000
+        link.send(f"-{long}")
+        assert link.ask("after") == "after"
+        assert wire[1].heard == f"-{long}\r\nafter\r\n".encode()
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="no pseudo-terminals")
 def test_a_port_is_not_shared_with_another_program() -> None:
     with PseudoTerminal(Echo().answer) as wire:

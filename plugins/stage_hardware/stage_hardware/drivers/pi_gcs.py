@@ -2,8 +2,9 @@
 
 Written from manuals, and from what PI's own programs do; checked against PIPython through the emulator, and on no
 device. Known to differ between models and not verified: the baud rate, the bits of the status register and their sense,
-``ATZ``, and whether all queries are answered during a reference move. Velocities and accelerations are lost with the
-power; so are references and the servo mode, by which a power cycle is noticed.
+``ATZ``, whether all queries are answered during a reference move, and whether several may be written at once, as those
+for a state and an order with its ``ERR?`` are. Velocities and accelerations are lost with the power; so are references
+and the servo mode, by which a power cycle is noticed.
 
 Source: PI, user manuals MS249E (C-863.12) and MS173E (C-863).
 """
@@ -124,6 +125,7 @@ class GcsStage(Stage):
         super().__init__(name, {axis_name: axis.axis for axis_name, axis in axes.items()})
         self._axes, self._line, self._identity, self._bits = dict(axes), line, identity, status_bits
         self._identifiers = [axis.identifier for axis in axes.values()]
+        self._questions = self._about_state()
         self._lock = threading.RLock()
         self._all_identifiers: list[str] = []  # in the controller's order
         self._referenced: set[str] = set()
@@ -187,10 +189,11 @@ class GcsStage(Stage):
         """Ask how the axes stand and then where they are: one that moves no more has the position that it will keep."""
         with self._lock:
             stops = self._line.stops
-            statuses = self._statuses()
-            positions = self._numbers("POS?", self._identifiers)
+            told = self._ask_about_state()
             time_ns = time.monotonic_ns()
-            self._see_references(statuses)
+            statuses = self._statuses(told)
+            self._referenced = self._references(told, statuses)
+            positions = self._values("POS?", self._identifiers, told["POS?"])
             if self._is_unsure or stops != self._stops_seen or any(status.has_error for status in statuses.values()):
                 self._take_error()
             self._is_unsure, self._stops_seen = False, stops
@@ -264,10 +267,24 @@ class GcsStage(Stage):
                     "narrow them, or see to the parameters of the stage",
                 )
 
-    def _statuses(self) -> dict[str, _Status]:
+    def _about_state(self) -> dict[str, list[str]]:
+        """Return what is asked for a state, positions last, and about which axes; characters ask about all."""
+        questions: dict[str, list[str]] = {STATUS: []}
         if self._bits is None:
-            moving = self._mask(self._line.ask(MOTION)[0])
-            on_target, servo_on = self._those("ONT?", self._identifiers), self._those("SVO?", self._identifiers)
+            questions = {MOTION: [], "ONT?": self._identifiers, "SVO?": self._identifiers}
+        for axis in self._axes.values():
+            query = "ATZ?" if axis.reference is Reference.AUTOMATIC_ZERO else "FRF?"
+            questions.setdefault(query, []).append(axis.identifier)
+        return {**questions, "POS?": self._identifiers}
+
+    def _ask_about_state(self) -> dict[str, list[str]]:
+        answers = self._line.ask_all([" ".join([query, *about]) for query, about in self._questions.items()])
+        return dict(zip(self._questions, answers, strict=True))
+
+    def _statuses(self, told: Mapping[str, Sequence[str]]) -> dict[str, _Status]:
+        if self._bits is None:
+            moving = self._mask(told[MOTION][0])
+            on_target, servo_on = self._those("ONT?", told), self._those("SVO?", told)
             return {
                 identifier: _Status(
                     bool(moving >> self._all_identifiers.index(identifier) & 1) or identifier in servo_on - on_target,
@@ -275,7 +292,7 @@ class GcsStage(Stage):
                 )
                 for identifier in self._identifiers
             }
-        reply = self._line.ask(STATUS)[0]
+        reply = told[STATUS][0]
         register = self._mask(reply)
         if len(reply.removeprefix("0x")) != 4 * len(self._all_identifiers):
             raise self._senseless(reply, "the status registers")
@@ -288,17 +305,9 @@ class GcsStage(Stage):
         """The register of the first axis comes first."""
         return len(self._all_identifiers) - 1 - self._all_identifiers.index(identifier)
 
-    def _see_references(self, statuses: Mapping[str, _Status]) -> None:
-        self._referenced = set()
-        for query, automatic in (("FRF?", False), ("ATZ?", True)):
-            alike = [
-                axis.identifier
-                for axis in self._axes.values()
-                if (axis.reference is Reference.AUTOMATIC_ZERO) is automatic
-            ]
-            if alike:
-                self._referenced |= self._those(query, alike)
-        self._referenced -= {identifier for identifier, status in statuses.items() if status.referencing}
+    def _references(self, told: Mapping[str, Sequence[str]], statuses: Mapping[str, _Status]) -> set[str]:
+        referenced = set[str]().union(*(self._those(query, told) for query in ("FRF?", "ATZ?") if query in told))
+        return referenced - {identifier for identifier, status in statuses.items() if status.referencing}
 
     def _fault(self, statuses: Mapping[str, _Status]) -> str | None:
         faults = [fault_and_cure(self._error)[0]] if self._error else []
@@ -335,7 +344,10 @@ class GcsStage(Stage):
             self._error = code
 
     def _numbers(self, query: str, identifiers: Sequence[str]) -> dict[str, float]:
-        lines = self._line.ask(f"{query} {' '.join(identifiers)}")
+        return self._values(query, identifiers, self._line.ask(f"{query} {' '.join(identifiers)}"))
+
+    def _values(self, query: str, identifiers: Sequence[str], lines: Sequence[str]) -> dict[str, float]:
+        """Return the numbers in an answer, which must be about these axes."""
         try:
             values = {identifier.strip(): float(value) for identifier, value in (line.split("=") for line in lines)}
         except ValueError:
@@ -344,9 +356,9 @@ class GcsStage(Stage):
             raise self._senseless("; ".join(lines), query)
         return values
 
-    def _those(self, query: str, identifiers: Sequence[str]) -> set[str]:
+    def _those(self, query: str, told: Mapping[str, Sequence[str]]) -> set[str]:
         """Return for which axes the answer is 1 rather than 0."""
-        values = self._numbers(query, identifiers)
+        values = self._values(query, self._questions[query], told[query])
         if not set(values.values()) <= {0, 1}:
             raise self._senseless(repr(values), query)
         return {identifier for identifier, value in values.items() if value}

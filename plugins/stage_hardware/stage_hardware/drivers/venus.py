@@ -264,20 +264,27 @@ class VenusStage(Stage):
             )
 
     def _integers(self, words: str) -> list[int]:
-        reply = self.link.ask(words)
+        return self._as_integers(self.link.ask(words), words)
+
+    def _integer(self, words: str) -> int:
+        return self._as_integer(self.link.ask(words), words)
+
+    def _numbers(self, words: str, count: int | None = None) -> list[float]:
+        return self._as_numbers(self.link.ask(words), words, count)
+
+    def _as_integers(self, reply: str, words: str) -> list[int]:
         try:
             return [int(number) for number in reply.split()]
         except ValueError:
             raise self._makes_no_sense(reply, words) from None
 
-    def _integer(self, words: str) -> int:
-        numbers = self._integers(words)
+    def _as_integer(self, reply: str, words: str) -> int:
+        numbers = self._as_integers(reply, words)
         if len(numbers) != 1:
-            raise self._makes_no_sense(" ".join(map(str, numbers)), words)
+            raise self._makes_no_sense(reply, words)
         return numbers[0]
 
-    def _numbers(self, words: str, count: int | None = None) -> list[float]:
-        reply = self.link.ask(words)
+    def _as_numbers(self, reply: str, words: str, count: int | None = None) -> list[float]:
         try:
             numbers = [float(number) for number in reply.split()]
         except ValueError:
@@ -515,8 +522,9 @@ class Venus1Stage(VenusStage):
         return bool(self._integer(f"{self._axes[name].number} getcaldone") & 1)
 
     def _read(self) -> Reading:
-        moves = bool(self._integer("st") & 1)
-        positions = self._here = self._numbers("p", self._dimensions)
+        status, places = self.link.ask("st p"), self.link.read_line()  # asked at once: half the waiting
+        moves = bool(self._as_integer(status, "st") & 1)
+        positions = self._here = self._as_numbers(places, "p", self._dimensions)
         time_ns = time.monotonic_ns()
         if moves:
             self._switches.clear()

@@ -4,6 +4,7 @@ Source: PI, user manuals MS249E (C-863.12) and MS173E (C-863).
 """
 
 from abc import ABC, abstractmethod
+from collections.abc import Iterator, Sequence
 
 from stage_hardware.links.serial_link import SerialLink
 
@@ -33,6 +34,10 @@ class GcsLine(ABC):
     @abstractmethod
     def ask(self, query: str) -> list[str]:
         """Return the lines that answer a query, bare of blanks and ends; a query may be one control character."""
+
+    def ask_all(self, queries: Sequence[str]) -> list[list[str]]:
+        """Return the lines that answer each of several queries."""
+        return [self.ask(query) for query in queries]
 
     @abstractmethod
     def order(self, command: str, stops: int) -> str:
@@ -69,10 +74,12 @@ class SerialGcsLine(GcsLine):
 
     def ask(self, query: str) -> list[str]:
         """Return the lines of an answer: all but its last end with a blank."""
-        lines = [self._link.ask_bytes(query.encode("ascii")) if query < " " else self._link.ask(query)]
-        while lines[-1].endswith(" "):
-            lines.append(self._link.read_line())
-        return [line.strip() for line in lines]
+        return self.ask_all([query])[0]
+
+    def ask_all(self, queries: Sequence[str]) -> list[list[str]]:
+        """Write all queries at once: a line waits for nothing but its bytes then."""
+        lines = self._answers(b"".join(map(_ended, queries)))
+        return [_next_answer(lines) for _ in queries]
 
     def order(self, command: str, stops: int) -> str:
         """Write order and ``ERR?`` at once: an order has no answer of its own."""
@@ -82,6 +89,26 @@ class SerialGcsLine(GcsLine):
         """Write the one byte that stops, past whatever waits for an answer."""
         self._link.urgent(STOP_ALL.encode("ascii"), is_answered=False)
 
+    def _answers(self, queries: bytes) -> Iterator[str]:
+        yield self._link.ask_bytes(queries)
+        while True:
+            yield self._link.read_line()
+
     def distrust(self) -> None:
         """Let the next query wait for what still comes."""
         self._link.distrust()
+
+
+def _ended(query: str) -> bytes:
+    """A control character has no end."""
+    return query.encode("ascii") + (b"" if query < " " else b"\n")
+
+
+def _next_answer(lines: Iterator[str]) -> list[str]:
+    """Take the lines of one answer: all but its last end with a blank."""
+    answer = []
+    for line in lines:
+        answer.append(line.strip())
+        if not line.endswith(" "):
+            break
+    return answer

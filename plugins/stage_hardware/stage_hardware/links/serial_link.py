@@ -1,5 +1,6 @@
 """A serial line, or a TCP connection that stands for one: lines out, lines in, and a way past them for a stop."""
 
+import os
 import select
 import socket
 import sys
@@ -59,6 +60,7 @@ class SerialLink:
         self._ends, self._reply_ends, self._flow_control = ends, reply_ends, hardware_flow_control
         self._unasked, self._knows_replies = unasked, knows_replies
         self._port: serial.Serial | None = None
+        self._is_file = False
         self._lock = threading.Lock()
         self._stopping = threading.Event()
         self._received = bytearray()
@@ -88,6 +90,7 @@ class SerialLink:
         if connection is not None:  # or a stop would wait until what went before it was acknowledged, some 40 ms
             connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self._port, self._received, self._is_behind, self._owed = port, bytearray(), False, 0
+        self._is_file = _is_file(port)
 
     def close(self) -> None:
         """Close the line; safe to call at any time, and twice.
@@ -117,24 +120,20 @@ class SerialLink:
 
     def ask(self, command: str, timeout_s: float | None = None, *, stops: int | None = None) -> str:
         """Send a command and return the line that answers it, without its end."""
+        return self.ask_bytes(command.encode("ascii") + self._ends, timeout_s, stops=stops)
+
+    def ask_bytes(self, command: bytes, timeout_s: float | None = None, *, stops: int | None = None) -> str:
+        """The same with bytes that go out as they are, such as a query without an end, or several with theirs."""
         with self._lock:
             self._refuse_if_stopping(stops)
             self._catch_up()
-            self._write(command.encode("ascii") + self._ends)
-            return self._line(command, self.timeout_s if timeout_s is None else timeout_s)
-
-    def ask_bytes(self, command: bytes, timeout_s: float | None = None) -> str:
-        """The same with bytes that go out as they are, such as a query without an end."""
-        with self._lock:
-            self._refuse_if_stopping()
-            self._catch_up()
             self._write(command)
-            return self._line(repr(command), self.timeout_s if timeout_s is None else timeout_s)
+            return self._line(command, self.timeout_s if timeout_s is None else timeout_s)
 
     def read_line(self, timeout_s: float | None = None) -> str:
         """Return a further line of an answer that has several."""
         with self._lock:
-            return self._line("the lines before", self.timeout_s if timeout_s is None else timeout_s)
+            return self._line(b"the lines before", self.timeout_s if timeout_s is None else timeout_s)
 
     def distrust(self) -> None:
         """Throw away what still comes before the next command goes out: the last reply made no sense."""
@@ -186,7 +185,7 @@ class SerialLink:
     def _has_all(self) -> bool:
         return self._owed is not None and self._received.count(self._reply_ends) >= self._owed
 
-    def _line(self, command: str, timeout_s: float) -> str:
+    def _line(self, command: bytes, timeout_s: float) -> str:
         deadline = time.monotonic() + timeout_s
         while (end := self._received.find(self._reply_ends)) < 0:
             if self._stopping.is_set():
@@ -198,7 +197,7 @@ class SerialLink:
                 self._is_behind, self._owed = True, None
                 raise ReplyTimeoutError(
                     self.device,
-                    f"no reply to {command!r} within {timeout_s:g} s",
+                    f"no reply to {command.decode('ascii').rstrip()!r} within {timeout_s:g} s",
                     "see that it is switched on, and that baud rate and cable are right",
                 )
             self._receive(waits=True)
@@ -210,20 +209,41 @@ class SerialLink:
         """Add what has come to what was received, waiting for a moment if nothing has; return whether something had."""
         port = self._opened()
         try:
-            if waits:
-                _wait_for_bytes(port)
-            received = port.read(AT_ONCE_BYTES)
+            received = self._read(port, POLL_S if waits else 0)
         except (OSError, ValueError, TypeError) as error:  # the last of a port that another thread closes meanwhile
             raise self._lost(error) from error
         self._received += received
         return bool(received)
 
+    def _read(self, port: "serial.Serial", within_s: float) -> bytes:
+        if self._is_file:  # past pyserial, whose part in it takes longer than the read itself
+            descriptor = port.fileno()
+            if not select.select([descriptor], [], [], within_s)[0]:
+                return b""
+            if received := os.read(descriptor, AT_ONCE_BYTES):
+                return received
+            raise OSError("its other end was closed")
+        received = port.read(AT_ONCE_BYTES)
+        if not received and within_s:
+            time.sleep(within_s / 5)
+        return received
+
     def _write(self, data: bytes) -> None:
         port = self._opened()
         try:
-            port.write(data)
+            if rest := data[self._written_at_once(port, data) :]:
+                port.write(rest)
         except (OSError, ValueError, TypeError) as error:
             raise self._lost(error) from error
+
+    def _written_at_once(self, port: "serial.Serial", data: bytes) -> int:
+        """Write what can be without waiting, as nearly always all can, and return how many bytes."""
+        if not self._is_file:
+            return 0
+        try:
+            return os.write(port.fileno(), data)
+        except BlockingIOError:
+            return 0
 
     def _opened(self) -> "serial.Serial":
         if self._port is None:
@@ -237,9 +257,9 @@ class SerialLink:
         return InterruptedByStopError(self.device, "a stop came first", "look at the state before the next command")
 
 
-def _wait_for_bytes(port: "serial.Serial") -> None:
-    """Wait until there is something to read, for a moment at most; where no port can be waited for, a little of it."""
-    if sys.platform == "win32":
-        time.sleep(POLL_S / 5)
-    else:
-        select.select([port], [], [], POLL_S)
+def _is_file(port: "serial.Serial") -> bool:
+    """Return whether a port can be waited for and read as files are."""
+    try:
+        return sys.platform != "win32" and port.fileno() >= 0
+    except OSError:  # such as a port of RFC 2217
+        return False
