@@ -79,8 +79,11 @@ class TaskVectorEnv(VectorEnv[Observation, Observation, NDArray[Any]]):
         return self._observation(), reward, terminated, truncated, info
 
     def close_extras(self, **kwargs: Any) -> None:
-        """Stop the body."""
-        self.body.stop()
+        """Stop the body, and let go of what it holds."""
+        try:
+            self.body.stop()
+        finally:
+            self.body.close()
 
     def _observation(self) -> Observation:
         return {
@@ -120,7 +123,7 @@ class TaskEnv(gymnasium.Env[Observation, Observation]):
         return observation_now, float(reward[0]), bool(terminated[0]), bool(truncated[0]), info
 
     def close(self) -> None:
-        """Stop the body."""
+        """Stop the body, and let go of what it holds."""
         self._batch.close()
 
 

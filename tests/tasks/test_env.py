@@ -146,11 +146,14 @@ def test_an_action_that_is_no_number_is_refused() -> None:
         env.step({"speed": np.float32([np.nan]), "nudge": np.zeros(2, np.float32)})
 
 
-def test_closing_stops_the_body() -> None:
+def test_closing_stops_the_body_and_then_closes_it(monkeypatch: pytest.MonkeyPatch) -> None:
     env = many()
     env.reset(seed=0)
+    stopped_when_closed = []
+    monkeypatch.setattr(env.body, "close", lambda: stopped_when_closed.append(env.body.stopped))
     env.close()
-    assert env.body.stopped == 1
+    env.close()
+    assert stopped_when_closed == [1]
 
 
 def test_the_insertion_task_passes_too() -> None:
