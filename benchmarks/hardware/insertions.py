@@ -5,7 +5,8 @@ for less). For each rig, `neurorobo emulate` brings it up in a process of its ow
 once for each seed from 0 on; the simulation runs the same seeds, with the same contact law, stiffness and period.
 Wanted: all insertions succeed, the mean force is within 10 % of the simulation's, and of at least ten minutes of
 periods none is late. Of one that is, it is told whether the machine itself paused in it for as long (:mod:`pauses`), as
-virtual machines do at times, whatever runs on them: that excuses nothing, and tells where to look. It writes
+virtual machines do at times, whatever runs on them: that excuses nothing, and tells where to look. How many were late
+in whole runs before is kept beside the last one, as their number differs from run to run. It writes
 ``insertions.json`` beside itself and the table of ``docs/how_to/run_on_hardware.md``, prints what is measured, and
 exits with 1 if a figure is missed. ``--table`` only writes the table anew.
 """
@@ -176,8 +177,9 @@ def table(results: dict[str, Any]) -> str:
     """Return the figures of all rigs as a table in Markdown."""
     rows = [
         "| rig | inserted | mean force, mN | in the simulation, mN | largest, mN | late periods | "
-        "late though the machine did not pause | its pauses, the longest | sensors to commands, ms: p50, p99, max |",
-        "| --- | --- | --- | --- | --- | --- | --- | --- | --- |",
+        "in this run and those before | late though the machine did not pause | its pauses, the longest | "
+        "sensors to commands, ms: p50, p99, max |",
+        "| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |",
     ]
     for name, measured in results.items():
         rig, simulation, timing = measured["rig"], measured["simulation"], measured["timing"]
@@ -189,6 +191,7 @@ def table(results: dict[str, Any]) -> str:
             *forces,
             f"{rig['max_force_mN']:.0f}, {simulation['max_force_mN']:.0f} simulated",
             f"{timing['overruns']} of {timing['periods']}",
+            ", ".join(map(str, reversed(measured["late_in_runs"]))),
             f"{late_unpaused(measured)}",
             f"{measured['pauses']['count']}, {measured['pauses']['longest_ms']:.0f} ms",
             latencies,
@@ -215,7 +218,9 @@ def main() -> None:
     results: dict[str, Any] = json.loads(RESULTS.read_text())["rigs"] if RESULTS.exists() else {}
     missed = []
     for name in arguments.rig or CASES:
+        before = results.get(name, {}).get("late_in_runs", [])
         measured = results[name] = measure(CASES[name], arguments.episodes)
+        measured["late_in_runs"] = [*before, measured["timing"]["overruns"]]
         for kind in ("rig", "simulation"):
             of = measured[kind]
             error = "" if of["standard_error_mN"] is None else f" ± {of['standard_error_mN']:.2f}"
