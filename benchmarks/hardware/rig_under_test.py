@@ -116,7 +116,7 @@ class Allowance:
     """How long a rig may go on after a reading beyond a limit, term by term, and how far that lets the load rise.
 
     ``link_s`` is what a stop lets a transaction end by itself, ``line_s`` its bytes on the line, and ``controller_s``
-    what the controller takes for a reply that it is sending just then, as it hears nothing meanwhile.
+    what the controller takes for the replies that it is sending just then, as an emulator hears nothing meanwhile.
     """
 
     sensor_s: float
@@ -140,10 +140,11 @@ class Allowance:
 def allowance(name: str, *, as_shipped: bool = False) -> Allowance:
     """Return that of a rig's axial controller: `STOP 0` of the DS102 and `#24` of PI stop without a ramp.
 
-    A DS102 replies to 10 characters at most, at 38400 baud; PI over TCP takes no time on the line.
+    A DS102 replies to 10 characters at most, at 38400 baud; PI over TCP takes no time on the line, and is asked for
+    three replies at once.
     """
     slow = name == "shot_ds102"
-    processing_s = (0.05 if as_shipped else 0.005) if slow else 0.0005
+    processing_s = (0.05 if as_shipped else 0.005) if slow else 3 * 0.0005
     return Allowance(
         sensor_s=0.002,
         wakes_s=WAKES_S,
