@@ -127,6 +127,23 @@ def test_a_stop_goes_out_while_another_thread_waits_for_an_answer(wire: tuple[Wi
         assert b"-STOP" in wire[1].heard
 
 
+def test_several_questions_at_once_get_their_answers_in_turn(wire: tuple[Wire, Echo]) -> None:
+    with linked(wire[0]) as link:
+        asked = b"one\r\nmore \r\nand more \r\ntwo\r\n"
+        lines = link.ask_lines(asked, 2, goes_on=lambda line: line.endswith(" "))
+        assert lines == ["one", "more ", "and more ", "two"]
+        assert link.ask("last") == "last"
+
+
+def test_a_stop_between_two_answers_is_told_as_such(wire: tuple[Wire, Echo]) -> None:
+    with linked(wire[0], timeout_s=5.0) as link:
+        later = threading.Timer(0.1, link.urgent, [b"L:E\r\n"])
+        later.start()
+        with pytest.raises(InterruptedByStopError):
+            link.ask_lines(b"one\r\n-never\r\n", 2)
+        later.join()
+
+
 def test_a_command_that_was_decided_on_before_a_stop_does_not_go_out_after_it(wire: tuple[Wire, Echo]) -> None:
     with linked(wire[0]) as link:
         stops = link.stops

@@ -522,7 +522,7 @@ class Venus1Stage(VenusStage):
         return bool(self._integer(f"{self._axes[name].number} getcaldone") & 1)
 
     def _read(self) -> Reading:
-        status, places = self.link.ask("st p"), self.link.read_line()  # asked at once: half the waiting
+        status, places = self.link.ask_lines(b"st p ", 2)  # at once, as each question costs a while of waiting
         moves = bool(self._as_integer(status, "st") & 1)
         positions = self._here = self._as_numbers(places, "p", self._dimensions)
         time_ns = time.monotonic_ns()

@@ -78,7 +78,7 @@ class SerialGcsLine(GcsLine):
 
     def ask_all(self, queries: Sequence[str]) -> list[list[str]]:
         """Write all queries at once: a line waits for nothing but its bytes then."""
-        lines = self._answers(b"".join(map(_ended, queries)))
+        lines = iter(self._link.ask_lines(b"".join(map(_ended, queries)), len(queries), goes_on=_goes_on))
         return [_next_answer(lines) for _ in queries]
 
     def order(self, command: str, stops: int) -> str:
@@ -88,11 +88,6 @@ class SerialGcsLine(GcsLine):
     def stop_all(self) -> None:
         """Write the one byte that stops, past whatever waits for an answer."""
         self._link.urgent(STOP_ALL.encode("ascii"), is_answered=False)
-
-    def _answers(self, queries: bytes) -> Iterator[str]:
-        yield self._link.ask_bytes(queries)
-        while True:
-            yield self._link.read_line()
 
     def distrust(self) -> None:
         """Let the next query wait for what still comes."""
@@ -104,11 +99,15 @@ def _ended(query: str) -> bytes:
     return query.encode("ascii") + (b"" if query < " " else b"\n")
 
 
+def _goes_on(line: str) -> bool:
+    """All lines of an answer but its last end with a blank."""
+    return line.endswith(" ")
+
+
 def _next_answer(lines: Iterator[str]) -> list[str]:
-    """Take the lines of one answer: all but its last end with a blank."""
     answer = []
     for line in lines:
         answer.append(line.strip())
-        if not line.endswith(" "):
+        if not _goes_on(line):
             break
     return answer

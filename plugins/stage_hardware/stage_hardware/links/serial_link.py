@@ -120,15 +120,31 @@ class SerialLink:
 
     def ask(self, command: str, timeout_s: float | None = None, *, stops: int | None = None) -> str:
         """Send a command and return the line that answers it, without its end."""
-        return self.ask_bytes(command.encode("ascii") + self._ends, timeout_s, stops=stops)
+        return self.ask_lines(command.encode("ascii") + self._ends, timeout_s=timeout_s, stops=stops)[0]
 
-    def ask_bytes(self, command: bytes, timeout_s: float | None = None, *, stops: int | None = None) -> str:
-        """The same with bytes that go out as they are, such as a query without an end, or several with theirs."""
+    def ask_lines(
+        self,
+        command: bytes,
+        answers: int = 1,
+        timeout_s: float | None = None,
+        *,
+        stops: int | None = None,
+        goes_on: Callable[[str], bool] = lambda line: False,
+    ) -> list[str]:
+        """Send bytes as they are, such as several queries at once, and return the lines of so many answers.
+
+        An answer has one line more for each that ``goes_on``. No stop comes between two lines without being noticed.
+        """
+        timeout_s = self.timeout_s if timeout_s is None else timeout_s
         with self._lock:
             self._refuse_if_stopping(stops)
             self._catch_up()
             self._write(command)
-            return self._line(command, self.timeout_s if timeout_s is None else timeout_s)
+            lines: list[str] = []
+            while answers:
+                lines.append(self._line(command, timeout_s, owed=answers))
+                answers -= not goes_on(lines[-1])
+            return lines
 
     def read_line(self, timeout_s: float | None = None) -> str:
         """Return a further line of an answer that has several."""
@@ -185,11 +201,11 @@ class SerialLink:
     def _has_all(self) -> bool:
         return self._owed is not None and self._received.count(self._reply_ends) >= self._owed
 
-    def _line(self, command: bytes, timeout_s: float) -> str:
+    def _line(self, command: bytes, timeout_s: float, owed: int = 1) -> str:
         deadline = time.monotonic() + timeout_s
         while (end := self._received.find(self._reply_ends)) < 0:
             if self._stopping.is_set():
-                self._is_behind, self._owed = True, 1
+                self._is_behind, self._owed = True, owed
                 raise InterruptedByStopError(
                     self.device, "a stop came first", "look at the state before the next command"
                 )
