@@ -12,7 +12,9 @@ from precision_interaction.rig.hardware_rig_config import HardwareRigConfig
 from stage_hardware.rig.emulated_rig import EmulatedRig
 from stage_hardware.rig.rig_config import load_rig
 
+from neurorobo.config.experiment import load_experiment
 from neurorobo.errors import NeuroroboError
+from neurorobo.experiment.build import build_task
 from neurorobo.safety.machine import SafetyError
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -81,6 +83,13 @@ def test_a_rig_that_cannot_do_it_is_refused_before_anything_is_connected(
     with pytest.raises(NeuroroboError) as refused:
         HardwareRig(config(RIG, **changed))
     assert fault in str(refused.value)
+
+
+def test_a_fault_of_the_rig_file_has_its_place_there(tmp_path: Path) -> None:
+    rig = tmp_path / "rig.yaml"
+    rig.write_text("neurorobo_rig: 1\nname: bench\ncontroler: {}\n")
+    with pytest.raises(NeuroroboError, match=r"rig\.yaml:3:1: .*`controler`; did you mean `controllers`"):
+        build_task(load_experiment(EXAMPLES / "peg_in_hole_hardware.yaml", [f"body.rig={rig}"]))
 
 
 def test_nothing_moves_without_leave() -> None:

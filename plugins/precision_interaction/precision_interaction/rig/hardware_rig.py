@@ -18,7 +18,7 @@ from stage_hardware.rig.rig_config import RigConfig, load_rig
 from stage_hardware.rig.supervised_rig import ForceWatch, SupervisedRig
 
 from neurorobo.bodies.body import Array
-from neurorobo.errors import NeuroroboError
+from neurorobo.errors import ConfigError, NeuroroboError
 from neurorobo.safety.machine import Latch, SafetyError, SafetyMachine
 from precision_interaction.rig.hardware_rig_config import HardwareRigConfig
 from precision_interaction.rig.insertion_body import InsertionBody
@@ -39,7 +39,10 @@ class HardwareRig(InsertionBody):
 
     def __init__(self, config: HardwareRigConfig) -> None:
         super().__init__(config)
-        self._rig_config = load_rig(config.rig)
+        try:
+            self._rig_config = load_rig(config.rig)
+        except ConfigError as error:  # whose places are in the file of the rig, not in that of the body
+            raise NeuroroboError(str(error)) from None
         self._check(self._rig_config)
         self._machine = SafetyMachine(Latch(self._rig_config.latch_file(Path(config.rig))))
         self._supervised: SupervisedRig | None = None
