@@ -2,16 +2,18 @@
 
 Run ``python benchmarks/hardware/driver_cost.py`` on an otherwise idle machine (four minutes; ``--seconds`` for less).
 `neurorobo emulate` brings up the controllers of both example rigs on pseudo-terminals, at the pace of their baud rates,
-in a process of its own. Each controller is asked for its state by its driver and, in turn with that, by a bare loop
-that writes the same bytes to the same port and waits for as many to come back. What the driver takes longer in the
-median is its cost, wanted to be at most 5 % of the wire time: ten bits for each byte, both ways. Most of it is that a
-processor which has waited finds none of what it needs in its caches, and differs from run to run. It writes
-``driver_cost.json`` beside itself and the table of ``docs/how_to/run_on_hardware.md``, prints what is measured, and
+in a process of its own. Each controller is asked for its state by its driver and, in turn with that, by a bare loop of
+system calls that writes the same bytes to the same port and waits for as many to come back. What the driver takes
+longer in the median is its cost, wanted to be at most 5 % of the wire time: ten bits for each byte, both ways. Most of
+it is that a processor which has waited finds none of what it needs in its caches, and differs from run to run. It
+writes ``driver_cost.json`` beside itself and the table of ``docs/how_to/run_on_hardware.md``, prints what is measured, and
 exits with 1 if a figure is missed.
 """
 
 import argparse
 import json
+import os
+import select
 import statistics
 import sys
 import tempfile
@@ -132,14 +134,14 @@ def _measured(stage: Any, link: SerialLink, seconds: float, name: str) -> Cost:
         began_s = time.perf_counter()
         stage.state()
         by_driver_s.append(time.perf_counter() - began_s)
-        port.timeout = 1.0
         began_s = time.perf_counter()
         for question, answered in transcript.exchanges:
-            port.write(question)
-            if len(port.read(answered)) < answered:
-                raise RuntimeError(f"{name}: {question!r} is not answered as before")
+            os.write(port.fd, question)
+            while answered:
+                if not select.select([port.fd], [], [], 1.0)[0]:
+                    raise RuntimeError(f"{name}: {question!r} is not answered as before")
+                answered -= len(os.read(port.fd, answered))
         bare_s.append(time.perf_counter() - began_s)
-        port.timeout = 0
     bytes_on_wire = sum(len(question) + answered for question, answered in transcript.exchanges)
     return Cost(
         name,

@@ -79,7 +79,7 @@ class TaskVectorEnv(VectorEnv[Observation, Observation, NDArray[Any]]):
         return self._observation(), reward, terminated, truncated, info
 
     def close_extras(self, **kwargs: Any) -> None:
-        """Stop the body, and let go of what it holds."""
+        """Stop the body and close it; a real one may first go back to where it began."""
         try:
             self.body.stop()
         finally:
@@ -123,7 +123,7 @@ class TaskEnv(gymnasium.Env[Observation, Observation]):
         return observation_now, float(reward[0]), bool(terminated[0]), bool(truncated[0]), info
 
     def close(self) -> None:
-        """Stop the body, and let go of what it holds."""
+        """Stop the body and close it; a real one may first go back to where it began."""
         self._batch.close()
 
 

@@ -52,7 +52,7 @@ def test_a_question_gets_its_answer(wire: tuple[Wire, Echo]) -> None:
 
 
 def test_a_port_that_is_no_file_answers_as_well() -> None:
-    """As on Windows, and at a port behind another computer; this one sends back what is written to it."""
+    """As on Windows; this one sends back what is written to it."""
     link = SerialLink("stage", "loop://", baud=115200, ends=b"\n", reply_ends=b"\n", timeout_s=0.1)
     link.open()
     try:
@@ -142,6 +142,41 @@ def test_a_stop_between_two_answers_is_told_as_such(wire: tuple[Wire, Echo]) -> 
         with pytest.raises(InterruptedByStopError):
             link.ask_lines(b"one\r\n-never\r\n", 2)
         later.join()
+        link.timeout_s = 0.2
+        assert link.ask("after") == "after"
+
+
+def test_an_answer_after_ctrl_c_is_none_to_the_next_question(
+    wire: tuple[Wire, Echo], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def interrupt(*_: object) -> str:
+        raise KeyboardInterrupt
+
+    with linked(wire[0]) as link:
+        monkeypatch.setattr(link, "_line", interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            link.ask_lines(b"one\r\ntwo\r\n", 2)
+        monkeypatch.undo()
+        assert link.ask("after") == "after"
+
+
+def test_after_an_answer_that_was_lost_the_next_question_gets_its_own(wire: tuple[Wire, Echo]) -> None:
+    with linked(wire[0]) as link:
+        with pytest.raises(ReplyTimeoutError):
+            link.ask_lines(b"-lost\r\ntwo\r\n", 2)
+        assert link.ask_lines(b"three\r\nfour\r\n", 2) == ["three", "four"]
+
+
+def test_who_waits_for_an_answer_leaves_when_another_thread_closes(wire: tuple[Wire, Echo]) -> None:
+    link = SerialLink("stage", wire[0].url, baud=38400, ends=b"\r\n", reply_ends=b"\r\n", timeout_s=5.0)
+    link.open()
+    later = threading.Timer(0.1, link.close)
+    later.start()
+    began = time.monotonic()
+    with pytest.raises(LinkError):
+        link.ask("-never")
+    later.join()
+    assert time.monotonic() - began < 1.0
 
 
 def test_a_command_that_was_decided_on_before_a_stop_does_not_go_out_after_it(wire: tuple[Wire, Echo]) -> None:

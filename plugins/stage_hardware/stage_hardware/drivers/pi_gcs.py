@@ -189,13 +189,14 @@ class GcsStage(Stage):
         """Ask how the axes stand and then where they are: one that moves no more has the position that it will keep."""
         with self._lock:
             stops = self._line.stops
+            was_unsure, self._is_unsure = self._is_unsure or stops != self._stops_seen, True
             told = self._ask_about_state()
             time_ns = time.monotonic_ns()
             statuses = self._statuses(told)
             self._referenced = self._references(told, statuses)
             positions = self._values("POS?", self._identifiers, told["POS?"])
-            if self._is_unsure or stops != self._stops_seen or any(status.has_error for status in statuses.values()):
-                self._take_error()
+            if was_unsure or any(status.has_error for status in statuses.values()):
+                self._take_error()  # whose answer is like none of the others: late ones are not taken for these
             self._is_unsure, self._stops_seen = False, stops
             return StageState(
                 time_ns,

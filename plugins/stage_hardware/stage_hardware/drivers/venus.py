@@ -3,8 +3,9 @@
 Protocol: Micro-Manager's and EPICS' adapters, a manual of the Corvus eco, and drivers of others. Not tried on a device.
 Uncertain: whether status words are answered while an axis looks for its switch (if not, :meth:`VenusStage.state` raises
 a ReplyTimeoutError until it has found it), the unit of velocities on a Corvus (it is taken from the last number of
-`getunit`), what `getswst` tells (the lower switch first), and bit 0x40 of Venus-2, taken for an end of travel. Venus-2
-has mm and degrees without a choice, and no known words that read back accelerations and limits.
+`getunit`), what `getswst` tells (the lower switch first), that a Corvus takes `st p` at once, and bit 0x40 of Venus-2,
+taken for an end of travel. Venus-2 has mm and degrees without a choice, and no known words that read back accelerations
+and limits.
 
 Writes are not acknowledged: after each the error is asked for, which reading clears. A second move would queue behind
 the first and hold up all that follows, so an axis under way is refused another. Corvus tells whether it has found its
@@ -522,7 +523,7 @@ class Venus1Stage(VenusStage):
         return bool(self._integer(f"{self._axes[name].number} getcaldone") & 1)
 
     def _read(self) -> Reading:
-        status, places = self.link.ask_lines(b"st p ", 2)  # at once, as each question costs a while of waiting
+        status, places = self.link.ask_lines(b"st p" + self.words_end, 2)  # at once, as each costs a while
         moves = bool(self._as_integer(status, "st") & 1)
         positions = self._here = self._as_numbers(places, "p", self._dimensions)
         time_ns = time.monotonic_ns()

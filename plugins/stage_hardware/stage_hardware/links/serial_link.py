@@ -17,8 +17,14 @@ if TYPE_CHECKING:
 POLL_S = 0.005
 """How long a read waits at most before it looks whether a stop wants the line."""
 
+SLEEPS_S = 0.001
+"""How long a read sleeps at a port that cannot be waited for, as those of Windows."""
+
 AT_ONCE_BYTES = 4096
 """How much a read takes at most of what has come."""
+
+FILES = ("serial.serialposix.Serial", "serial.urlhandler.protocol_socket.Serial")
+"""The ports of pyserial that are, on systems other than Windows."""
 
 STOP_WAITS_S = 0.05
 """How long a stop lets a transaction end by itself; then it writes all the same."""
@@ -82,7 +88,7 @@ class SerialLink:
             port.rtscts = self._flow_control
             port.exclusive = True  # two programs on one line would take each other's answers
             port.open()
-        except (OSError, ValueError) as error:
+        except (OSError, ValueError, NotImplementedError) as error:
             raise LinkError(
                 self.device, f"{self.url} cannot be opened ({error})", "see that it is connected, and not in use"
             ) from error
@@ -106,10 +112,15 @@ class SerialLink:
                 self._lock.release()
         port, self._port = self._port, None
         if port is not None:
-            connection = getattr(port, "_socket", None)  # which pyserial leaves open if its other end is gone
-            port.close()
-            if connection is not None:
-                connection.close()
+            has_lock = self._lock.acquire(timeout=STOP_WAITS_S)  # who waits for an answer sees that, and leaves
+            try:
+                connection = getattr(port, "_socket", None)  # which pyserial leaves open if its other end is gone
+                port.close()
+                if connection is not None:
+                    connection.close()
+            finally:
+                if has_lock:
+                    self._lock.release()
 
     def send(self, command: str, *, stops: int | None = None) -> None:
         """Send a command that has no reply."""
@@ -139,11 +150,18 @@ class SerialLink:
         with self._lock:
             self._refuse_if_stopping(stops)
             self._catch_up()
-            self._write(command)
-            lines: list[str] = []
-            while answers:
-                lines.append(self._line(command, timeout_s, owed=answers))
-                answers -= not goes_on(lines[-1])
+            lines, left, began = list[str](), answers, self.stops
+            try:
+                self._write(command)
+                while left:
+                    if lines and self.stops != began:
+                        raise self._interrupted()
+                    lines.append(self._line(command, timeout_s))
+                    left -= not goes_on(lines[-1])
+            except BaseException:  # Ctrl-C too: what still comes must not answer the next command
+                if answers > 1 or not self._is_behind:
+                    self.distrust()
+                raise
             return lines
 
     def read_line(self, timeout_s: float | None = None) -> str:
@@ -201,14 +219,12 @@ class SerialLink:
     def _has_all(self) -> bool:
         return self._owed is not None and self._received.count(self._reply_ends) >= self._owed
 
-    def _line(self, command: bytes, timeout_s: float, owed: int = 1) -> str:
+    def _line(self, command: bytes, timeout_s: float) -> str:
         deadline = time.monotonic() + timeout_s
         while (end := self._received.find(self._reply_ends)) < 0:
             if self._stopping.is_set():
-                self._is_behind, self._owed = True, owed
-                raise InterruptedByStopError(
-                    self.device, "a stop came first", "look at the state before the next command"
-                )
+                self._is_behind, self._owed = True, 1
+                raise self._interrupted()
             if time.monotonic() > deadline:
                 self._is_behind, self._owed = True, None
                 raise ReplyTimeoutError(
@@ -226,7 +242,12 @@ class SerialLink:
         port = self._opened()
         try:
             received = self._read(port, POLL_S if waits else 0)
-        except (OSError, ValueError, TypeError) as error:  # the last of a port that another thread closes meanwhile
+        except (
+            OSError,
+            ValueError,
+            TypeError,
+            AttributeError,
+        ) as error:  # the last of a port that another thread closes meanwhile
             raise self._lost(error) from error
         self._received += received
         return bool(received)
@@ -236,12 +257,16 @@ class SerialLink:
             descriptor = port.fileno()
             if not select.select([descriptor], [], [], within_s)[0]:
                 return b""
-            if received := os.read(descriptor, AT_ONCE_BYTES):
-                return received
-            raise OSError("its other end was closed")
+            try:
+                received = os.read(descriptor, AT_ONCE_BYTES)
+            except BlockingIOError:  # it had not come after all
+                return b""
+            if not received:
+                raise OSError("its other end was closed")
+            return received
         received = port.read(AT_ONCE_BYTES)
         if not received and within_s:
-            time.sleep(within_s / 5)
+            time.sleep(SLEEPS_S)
         return received
 
     def _write(self, data: bytes) -> None:
@@ -249,12 +274,16 @@ class SerialLink:
         try:
             if rest := data[self._written_at_once(port, data) :]:
                 port.write(rest)
-        except (OSError, ValueError, TypeError) as error:
+        except (OSError, ValueError, TypeError, AttributeError) as error:
             raise self._lost(error) from error
 
     def _written_at_once(self, port: "serial.Serial", data: bytes) -> int:
-        """Write what can be without waiting, as nearly always all can, and return how many bytes."""
-        if not self._is_file:
+        """Write what can be without waiting, as nearly always all can, and return how many bytes.
+
+        With flow control by hardware it is pyserial that waits: what the other end does not take would pile up, and a
+        stop would come after it.
+        """
+        if not self._is_file or self._flow_control:
             return 0
         try:
             return os.write(port.fileno(), data)
@@ -274,8 +303,6 @@ class SerialLink:
 
 
 def _is_file(port: "serial.Serial") -> bool:
-    """Return whether a port can be waited for and read as files are."""
-    try:
-        return sys.platform != "win32" and port.fileno() >= 0
-    except OSError:  # such as a port of RFC 2217
-        return False
+    """Return whether a port can be waited for, read and written as files are: a serial port or a TCP connection."""
+    kind = type(port)
+    return sys.platform != "win32" and f"{kind.__module__}.{kind.__name__}" in FILES
