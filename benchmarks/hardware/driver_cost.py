@@ -6,8 +6,8 @@ in a process of its own. Each controller is asked for its state by its driver an
 system calls that writes the same bytes to the same port and waits for as many to come back. What the driver takes
 longer in the median is its cost, wanted to be at most 5 % of the wire time: ten bits for each byte, both ways. Most of
 it is that a processor which has waited finds none of what it needs in its caches, and differs from run to run. It
-writes ``driver_cost.json`` beside itself and the table of ``docs/how_to/run_on_hardware.md``, prints what is measured, and
-exits with 1 if a figure is missed.
+writes ``driver_cost.json`` beside itself and the table of ``docs/how_to/run_on_hardware.md``, prints what is measured,
+and exits with 1 if a figure is missed.
 """
 
 import argparse
