@@ -23,6 +23,9 @@ SLEEPS_S = 0.001
 AT_ONCE_BYTES = 4096
 """How much a read takes at most of what has come."""
 
+GONE = OSError, ValueError, TypeError, AttributeError
+"""What a port raises that is lost; all but the first if another thread closes it meanwhile."""
+
 FILES = ("serial.serialposix.Serial", "serial.urlhandler.protocol_socket.Serial")
 """The ports of pyserial that are, on systems other than Windows."""
 
@@ -242,12 +245,7 @@ class SerialLink:
         port = self._opened()
         try:
             received = self._read(port, POLL_S if waits else 0)
-        except (
-            OSError,
-            ValueError,
-            TypeError,
-            AttributeError,
-        ) as error:  # the last of a port that another thread closes meanwhile
+        except GONE as error:
             raise self._lost(error) from error
         self._received += received
         return bool(received)
@@ -274,7 +272,7 @@ class SerialLink:
         try:
             if rest := data[self._written_at_once(port, data) :]:
                 port.write(rest)
-        except (OSError, ValueError, TypeError, AttributeError) as error:
+        except GONE as error:
             raise self._lost(error) from error
 
     def _written_at_once(self, port: "serial.Serial", data: bytes) -> int:
