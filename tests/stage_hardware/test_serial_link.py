@@ -129,9 +129,9 @@ def test_a_stop_goes_out_while_another_thread_waits_for_an_answer(wire: tuple[Wi
 
 def test_several_questions_at_once_get_their_answers_in_turn(wire: tuple[Wire, Echo]) -> None:
     with linked(wire[0]) as link:
-        asked = b"one\r\nmore \r\nand more \r\ntwo\r\n"
-        lines = link.ask_lines(asked, 2, goes_on=lambda line: line.endswith(" "))
-        assert lines == ["one", "more ", "and more ", "two"]
+        asked = b"one\r\nmore \r\nand more \r\ntwo\r\nthree\r\n"
+        answers = link.ask_all(asked, 3, goes_on=lambda line: line.endswith(" "))
+        assert answers == [["one"], ["more ", "and more ", "two"], ["three"]]
         assert link.ask("last") == "last"
 
 
@@ -140,7 +140,7 @@ def test_a_stop_between_two_answers_is_told_as_such(wire: tuple[Wire, Echo]) -> 
         later = threading.Timer(0.1, link.urgent, [b"L:E\r\n"])
         later.start()
         with pytest.raises(InterruptedByStopError):
-            link.ask_lines(b"one\r\n-never\r\n", 2)
+            link.ask_all(b"one\r\n-never\r\n", 2)
         later.join()
         link.timeout_s = 0.2
         assert link.ask("after") == "after"
@@ -155,7 +155,7 @@ def test_an_answer_after_ctrl_c_is_none_to_the_next_question(
     with linked(wire[0]) as link:
         monkeypatch.setattr(link, "_line", interrupt)
         with pytest.raises(KeyboardInterrupt):
-            link.ask_lines(b"one\r\ntwo\r\n", 2)
+            link.ask_all(b"one\r\ntwo\r\n", 2)
         monkeypatch.undo()
         assert link.ask("after") == "after"
 
@@ -163,8 +163,8 @@ def test_an_answer_after_ctrl_c_is_none_to_the_next_question(
 def test_after_an_answer_that_was_lost_the_next_question_gets_its_own(wire: tuple[Wire, Echo]) -> None:
     with linked(wire[0]) as link:
         with pytest.raises(ReplyTimeoutError):
-            link.ask_lines(b"-lost\r\ntwo\r\n", 2)
-        assert link.ask_lines(b"three\r\nfour\r\n", 2) == ["three", "four"]
+            link.ask_all(b"-lost\r\ntwo\r\n", 2)
+        assert link.ask_all(b"three\r\nfour\r\n", 2) == [["three"], ["four"]]
 
 
 def test_who_waits_for_an_answer_leaves_when_another_thread_closes(wire: tuple[Wire, Echo]) -> None:

@@ -439,6 +439,12 @@ def test_a_late_reply_is_not_taken_for_another(corvus: tuple[Peer, TcpPort]) -> 
         with pytest.raises(ReplyTimeoutError):
             stage.state()
         assert stage.state().axes["x"].position == -1_000
+        wire.faults.late_reply, wire.faults.late_s = 1, 2.5 * stage.link.timeout_s
+        with pytest.raises(ReplyTimeoutError):
+            stage.state()
+        with pytest.raises(ReplyError, match="is no answer to 'identify'"):  # it comes when the next was asked
+            stage.state()
+        assert stage.state().axes["x"].position == -1_000
         wire.faults.garbled_reply = 1
         with pytest.raises(ReplyError, match="is no answer to 'st'"):
             stage.state()

@@ -523,7 +523,9 @@ class Venus1Stage(VenusStage):
         return bool(self._integer(f"{self._axes[name].number} getcaldone") & 1)
 
     def _read(self) -> Reading:
-        status, places = self.link.ask_lines(b"st p" + self.words_end, 2)  # at once, as each costs a while
+        if self.link.is_behind and self.identity not in (reply := self.link.ask("identify")):
+            raise self._makes_no_sense(reply, "identify")  # whose answer is like no other: a late one is known by it
+        (status,), (places,) = self.link.ask_all(b"st p" + self.words_end, 2)  # at once, as each costs a while
         moves = bool(self._as_integer(status, "st") & 1)
         positions = self._here = self._as_numbers(places, "p", self._dimensions)
         time_ns = time.monotonic_ns()

@@ -4,7 +4,7 @@ Source: PI, user manuals MS249E (C-863.12) and MS173E (C-863).
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 from stage_hardware.links.serial_link import SerialLink
 
@@ -78,8 +78,8 @@ class SerialGcsLine(GcsLine):
 
     def ask_all(self, queries: Sequence[str]) -> list[list[str]]:
         """Write all queries at once: a line waits for nothing but its bytes then."""
-        lines = iter(self._link.ask_lines(b"".join(map(_ended, queries)), len(queries), goes_on=_goes_on))
-        return [_next_answer(lines) for _ in queries]
+        answers = self._link.ask_all(b"".join(map(_ended, queries)), len(queries), goes_on=_goes_on)
+        return [[line.strip() for line in answer] for answer in answers]
 
     def order(self, command: str, stops: int) -> str:
         """Write order and ``ERR?`` at once: an order has no answer of its own."""
@@ -102,12 +102,3 @@ def _ended(query: str) -> bytes:
 def _goes_on(line: str) -> bool:
     """All lines of an answer but its last end with a blank."""
     return line.endswith(" ")
-
-
-def _next_answer(lines: Iterator[str]) -> list[str]:
-    answer = []
-    for line in lines:
-        answer.append(line.strip())
-        if not _goes_on(line):
-            break
-    return answer

@@ -134,9 +134,9 @@ class SerialLink:
 
     def ask(self, command: str, timeout_s: float | None = None, *, stops: int | None = None) -> str:
         """Send a command and return the line that answers it, without its end."""
-        return self.ask_lines(command.encode("ascii") + self._ends, timeout_s=timeout_s, stops=stops)[0]
+        return self.ask_all(command.encode("ascii") + self._ends, timeout_s=timeout_s, stops=stops)[0][0]
 
-    def ask_lines(
+    def ask_all(
         self,
         command: bytes,
         answers: int = 1,
@@ -144,8 +144,8 @@ class SerialLink:
         *,
         stops: int | None = None,
         goes_on: Callable[[str], bool] = lambda line: False,
-    ) -> list[str]:
-        """Send bytes as they are, such as several queries at once, and return the lines of so many answers.
+    ) -> list[list[str]]:
+        """Send bytes as they are, such as several queries at once, and return so many answers, the lines of each.
 
         An answer has one line more for each that ``goes_on``. No stop comes between two lines without being noticed.
         """
@@ -153,24 +153,30 @@ class SerialLink:
         with self._lock:
             self._refuse_if_stopping(stops)
             self._catch_up()
-            lines, left, began = list[str](), answers, self.stops
+            told, began = list[list[str]](), self.stops
             try:
                 self._write(command)
-                while left:
-                    if lines and self.stops != began:
-                        raise self._interrupted()
-                    lines.append(self._line(command, timeout_s))
-                    left -= not goes_on(lines[-1])
+                for _ in range(answers):
+                    told.append(answer := list[str]())
+                    while not answer or goes_on(answer[-1]):
+                        if self.stops != began:
+                            raise self._interrupted()
+                        answer.append(self._line(command, timeout_s))
             except BaseException:  # Ctrl-C too: what still comes must not answer the next command
                 if answers > 1 or not self._is_behind:
                     self.distrust()
                 raise
-            return lines
+            return told
 
     def read_line(self, timeout_s: float | None = None) -> str:
         """Return a further line of an answer that has several."""
         with self._lock:
             return self._line(b"the lines before", self.timeout_s if timeout_s is None else timeout_s)
+
+    @property
+    def is_behind(self) -> bool:
+        """Whether an answer did not come, or made no sense, since the last command."""
+        return self._is_behind
 
     def distrust(self) -> None:
         """Throw away what still comes before the next command goes out: the last reply made no sense."""
@@ -208,10 +214,8 @@ class SerialLink:
         if not (self._receive() or self._received or thrown or self._is_behind) and self._owed == 0:
             return  # as nearly always, and each command waits for it
         wait_until = time.monotonic() + (self.timeout_s if self._is_behind and not self._knows_replies else 0.0)
-        has_to_wait = not self._has_all() and time.monotonic() < wait_until
-        while self._receive(waits=has_to_wait) or has_to_wait:
+        while self._receive(waits=(waits := not self._has_all() and time.monotonic() < wait_until)) or waits:
             self._refuse_if_stopping()
-            has_to_wait = not self._has_all() and time.monotonic() < wait_until
         lines, end, rest = self._received.rpartition(self._reply_ends)
         thrown += lines + end if self._knows_replies else self._received
         self._received = rest if self._knows_replies else bytearray()
