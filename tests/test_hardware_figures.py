@@ -33,7 +33,8 @@ def test_every_rig_inserts_as_often_as_is_wanted() -> None:
         missed = benchmark["misses"](name, rig, benchmark["EPISODES"])
         assert not [miss for miss in missed if "periods were late" not in miss]
         assert bool(missed) == (rig["timing"]["overruns"] > 0)
-        assert rig["late_in_runs"][-1] == rig["timing"]["overruns"] == len(rig["late"])
+        assert rig["late_in_runs"][-1]["late"] == rig["timing"]["overruns"] == len(rig["late"])
+        assert benchmark["late_unpaused"](rig) == 0
 
 
 def test_every_fault_was_thrown_and_led_to_what_it_must() -> None:

@@ -191,7 +191,7 @@ def table(results: dict[str, Any]) -> str:
             *forces,
             f"{rig['max_force_mN']:.0f}, {simulation['max_force_mN']:.0f} simulated",
             f"{timing['overruns']} of {timing['periods']}",
-            ", ".join(map(str, reversed(measured["late_in_runs"]))),
+            ", ".join(str(run["late"]) for run in reversed(measured["late_in_runs"])),
             f"{late_unpaused(measured)}",
             f"{measured['pauses']['count']}, {measured['pauses']['longest_ms']:.0f} ms",
             latencies,
@@ -220,7 +220,8 @@ def main() -> None:
     for name in arguments.rig or CASES:
         before = results.get(name, {}).get("late_in_runs", [])
         measured = results[name] = measure(CASES[name], arguments.episodes)
-        measured["late_in_runs"] = [*before, measured["timing"]["overruns"]]
+        today = {"date": time.strftime("%Y-%m-%d"), "late": measured["timing"]["overruns"]}
+        measured["late_in_runs"] = [*before, today]
         for kind in ("rig", "simulation"):
             of = measured[kind]
             error = "" if of["standard_error_mN"] is None else f" ± {of['standard_error_mN']:.2f}"
