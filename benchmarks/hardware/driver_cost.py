@@ -101,8 +101,8 @@ def opened_links() -> Iterator[list[SerialLink]]:
 def on_a_port(rig: Path, folder: Path) -> Path:
     """Write a rig whose controllers are all on serial ports, and return its file."""
     document = yaml.safe_load(rig.read_text())
-    for controller in document["controllers"].values():
-        controller["port"] = "/dev/ttyUSB0"
+    for number, controller in enumerate(document["controllers"].values()):
+        controller["port"] = f"/dev/ttyUSB{number}"
     written = folder / f"{rig.stem}.yaml"
     written.write_text(yaml.safe_dump(document, sort_keys=False))
     return written

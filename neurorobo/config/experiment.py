@@ -207,6 +207,10 @@ class Experiment(_Strict):
     @classmethod
     def from_document(cls, document: Document, registry: Registry) -> Self:
         """Check a document against the models of the core and of its plugins; a ConfigError lists all faults."""
+        others = [key for key in document.value if key.startswith("neurorobo_")]
+        if others and "neurorobo" not in document.value:  # such as a rig, whose every line would be at fault
+            fault = "says what kind of file this is, and it is no experiment; one starts with 'neurorobo: 1'"
+            raise_faults(document, [Fault((others[0],), fault)])
         faults = [*_stops(document.value)]
         try:
             experiment = cls.model_validate(document.value, context=validation_context(registry))

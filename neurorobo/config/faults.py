@@ -180,7 +180,7 @@ def _models_in(annotation: Any) -> list[type[BaseModel]]:
         return [annotation]
     if get_origin(annotation) is Annotated:
         return _models_in(get_args(annotation)[0])
-    if get_origin(annotation) in (Union, types.UnionType, list, tuple, dict, set, frozenset):
+    if get_origin(annotation) in (Union, types.UnionType, list, tuple, dict, set, frozenset, Mapping, Sequence):
         return [model for argument in get_args(annotation) for model in _models_in(argument)]
     return []
 

@@ -1,13 +1,23 @@
 """Limits of what a sensor of a body may report: as they are written, and as numbers."""
 
 from dataclasses import dataclass
-from typing import Annotated, Self
+from typing import Annotated, Any, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
-from neurorobo.units import Duration, parse_quantity
+from neurorobo.units import Duration, UnitError, parse_quantity
 
 PositiveDuration = Annotated[Duration, Field(gt=0)]
+
+
+def _has_unit(value: Any) -> Any:
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        raise UnitError(f"{value} needs a unit, that of the sensor or one like it, e.g. '{value} N'")
+    return value
+
+
+Quantity = Annotated[str, BeforeValidator(_has_unit)]
+"""A load or its rate as it is written: what unit it is in, the sensor says."""
 
 
 @dataclass(frozen=True)
@@ -29,11 +39,11 @@ class SensorLimits(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True)
 
-    stop: str | None = Field(default=None, description="A larger load stops the body: `9 N`.")
-    latch: str | None = Field(
+    stop: Quantity | None = Field(default=None, description="A larger load stops the body: `9 N`.")
+    latch: Quantity | None = Field(
         default=None, description="A larger load stops the body until somebody has looked at it and reset it: `14 N`."
     )
-    rate: str | None = Field(default=None, description="A load that rises faster stops the body: `20 N/s`.")
+    rate: Quantity | None = Field(default=None, description="A load that rises faster stops the body: `20 N/s`.")
     rate_window: PositiveDuration = Field(
         default=10_000_000, description="How far apart readings are, at least, that a rate is taken from."
     )

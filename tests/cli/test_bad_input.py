@@ -129,6 +129,10 @@ def test_several_faults_are_reported_at_once(
         (b"a: [1\n", ":2:1: is not valid YAML: expected ',' or ']'"),
         (b"a: \x07\n", ":1:4: is not valid YAML: the character '\\x07' is not allowed"),
         (b"\xff\xfe\x00", ":1:1: is not text in UTF-8: there is a byte 0xff; save the file as UTF-8"),
+        (
+            b"neurorobo_rig: 1\nname: bench\n",
+            ":1:1: neurorobo_rig: says what kind of file this is, and it is no experiment",
+        ),
         (b"just words", ":1:1: is a single value, not a mapping; an experiment starts with 'neurorobo: 1'"),
     ],
 )

@@ -198,7 +198,7 @@ def test_ctrl_c_is_exit_code_130_and_one_line_of_what_there_is(
     code, said, noted = call(capsys, monkeypatch, command, str(tmp_path / "x.yaml"), "--out", str(tmp_path / "out"))
     assert (code, said) == (130, "")
     (run,) = (tmp_path / "out").rglob("run.json")
-    assert noted.splitlines()[-1] == f"interrupted; what was recorded until then is in {run.parent}"
+    assert noted.splitlines()[-1] == f"interrupted; nothing was recorded yet, see {run.parent}"
     assert json.loads(run.read_text())["status"] == "interrupted"
 
 

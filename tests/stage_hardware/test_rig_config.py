@@ -125,6 +125,11 @@ X = ("controllers", "controller_0", "axes", "x")
     ("stage", "change", "fault"),
     [
         ("shot", _without(*X, "travel"), "axes.x.travel: is missing"),
+        (
+            "shot",
+            _with({**STAGES["ds102"], "port": "/dev/ttyUSB0"}, "controllers", "elevator"),
+            "elevator.port: is that of `controller_0` too (got '/dev/ttyUSB0'); each controller has its own",
+        ),
         ("shot", _without(*X, "speed"), "axes.x.speed: is missing"),
         ("shot", _with("3..-2 mm", *X, "travel"), "does not rise"),
         ("shot", _with("3.1 mm", *X, "start"), "axes.x.start: is beyond the travel of -2000..3000 um (got 3100 um)"),
@@ -201,6 +206,11 @@ def test_what_is_no_rig_file_is_told_so(tmp_path: Path, text: str, fault: str) -
     with pytest.raises(NeuroroboError) as refused:
         loaded(tmp_path, text)
     assert fault in str(refused.value)
+
+
+def test_a_file_that_is_not_there_may_be_that_of_an_emulated_rig(tmp_path: Path) -> None:
+    with pytest.raises(NeuroroboError, match=r"rig\.yaml: there is no such file; .*while `neurorobo emulate` runs"):
+        load_rig(tmp_path / "rig.yaml", registry())
 
 
 def test_other_plugins_bring_devices_the_same_way(tmp_path: Path) -> None:

@@ -66,6 +66,10 @@ class AxisConfig(_Strict):
         """How many steps a um has, exactly."""
         return 1 / Fraction(repr(self.resolution))
 
+    def nearest_step(self, position: float) -> float:
+        """Return the position of the step that is nearest."""
+        return float(round(Fraction(position) * self.pulses_per_um) / self.pulses_per_um)
+
     def mechanics(self, origin: float = 0.0) -> Mechanics:
         """Return how to build it: switches beyond travel and origin, switched on a tenth of the longer way away."""
         ends = self.travel.lo - origin, self.travel.hi - origin

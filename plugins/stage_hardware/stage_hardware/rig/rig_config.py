@@ -24,6 +24,7 @@ from neurorobo.config.plugged_reader import REGISTRY, validation_context
 from neurorobo.errors import Fault, NeuroroboError, did_you_mean
 from neurorobo.plugged_field import Plugged
 from neurorobo.plugins import Registry
+from neurorobo.safety.machine import Latch
 from stage_hardware.rig.device_config import DeviceConfig, ForceSensorConfig, StageConfig
 from stage_hardware.rig.physics import PhysicsConfig
 from stage_hardware.rig.rig import Frame, Rig
@@ -109,9 +110,9 @@ class RigConfig(_Strict):
         """How each axis counts in the rig."""
         return {name: axis.frame for stage in self.controllers.values() for name, axis in stage.axes.items()}
 
-    def latch_file(self, path: Path) -> Path:
-        """Return where the latch of the rig is kept that ``path`` describes: by name, as several files may do so."""
-        return path.with_name(f"{self.name}.latch.json")
+    def latch(self, path: Path) -> Latch:
+        """Return the latch of the rig that ``path`` describes; it is kept by name, as several files may do so."""
+        return Latch(path.with_name(f"{self.name}.latch.json"), reset=f"neurorobo rig reset {path}")
 
     def build(self) -> Rig:
         """Return the rig; nothing is connected yet."""
@@ -132,6 +133,10 @@ def load_rig(path: str | Path, registry: Registry | None = None) -> RigConfig:
 
 
 def _document(path: str | Path) -> document.Document:
+    if not Path(path).exists():
+        raise NeuroroboError(
+            f"{path}: there is no such file; that of a virtual rig is there while `neurorobo emulate` runs"
+        )
     read = document.load_document(path)
     if "neurorobo" in read.value and "neurorobo_rig" not in read.value:
         raise NeuroroboError(f"{path}: this is an experiment, not a rig; {HINT}")
@@ -139,9 +144,13 @@ def _document(path: str | Path) -> document.Document:
 
 
 def _misfits(data: Mapping[str, Any]) -> Iterator[Fault]:
-    """Yield axes of one name, and axes that physics depends on and that are not there."""
-    owners: dict[str, str] = {}
+    """Yield ports of several controllers, axes of one name, and axes that physics depends on and that are not there."""
+    owners, plugged = dict[str, str](), dict[str, str]()
     for controller, stage in _mapping(data.get("controllers")).items():
+        port = getattr(stage, "port", _mapping(stage).get("port"))
+        if isinstance(port, str) and plugged.setdefault(port, controller) != controller:
+            fault = f"is that of `{plugged[port]}` too (got '{port}'); each controller has its own"
+            yield Fault(("controllers", controller, "port"), fault)
         axes = stage.axes if isinstance(stage, StageConfig) else _mapping(_mapping(stage).get("axes"))
         for axis in axes:
             if axis in owners:
