@@ -152,5 +152,9 @@ class Body(ABC):
     def stop(self) -> None:
         """Stop every motion; safe to call at any time, and called at the end of every batch, however it ended."""
 
+    def standstill(self) -> str:
+        """Say, for who has interrupted a real body, how it was stopped the last time; of a simulated one nothing."""
+        return ""
+
     def close(self) -> None:  # noqa: B027 - a simulated body holds nothing
         """Let go of what a real body holds, such as ports; called at the end of every run, and safe to call twice."""

@@ -66,8 +66,6 @@ def run_experiment(
     for name in untrained(experiment, plan):
         print(f"note: the region `{name}` has no `weights`; it runs with fresh ones", file=sys.stderr)
     task = build_task(experiment)
-    if task is not None and (arm or dry_run):
-        task.body.arm(dry_run=dry_run)
     recorder_types = [registry.get("recorder", name) for name in (experiment.record if record is None else record)]
     path = out or new_folder_path(Path("runs"), experiment.name, experiment.config_hash)
     folder = RunFolder.create(
@@ -80,7 +78,10 @@ def run_experiment(
         plugins={plugin.name: plugin.version for plugin in registry.plugins() if plugin.status == "loaded"},
     )
     recorders: list[Recorder] = []
+    files: list[Path] = []
     try:
+        if task is not None and (arm or dry_run):
+            task.body.arm(dry_run=dry_run)
         registry.call("neurorobo_run_started", folder=path)
         setting = Setting(path, experiment.name, plan, seeds, task)
         for recorder_type in recorder_types:
@@ -102,12 +103,13 @@ def run_experiment(
                 print(f"note: the episode of seed {result.seed} was stopped: {result.stopped}", file=sys.stderr)
         summary = summarise(results, frozenset() if task is None else task.higher_is_better)
         folder.write_summary(summary)
-        files = _finish(recorders, path)
+        files += _finish(recorders, path)
         if task is not None:
             folder.write_timing(task.body.timing())
+            task.body.close()  # which may move it out of harm's way, and fail
     except BaseException as error:
         try:
-            _finish(recorders, path)
+            files += _finish(recorders, path)
         except Exception as second:
             print(f"note: a recorder failed too: {described(second)}", file=sys.stderr)
         try:
@@ -118,7 +120,9 @@ def run_experiment(
         except NeuroroboError as second:  # the disk may be full, which must not hide the first error
             print(f"note: {second}", file=sys.stderr)
         if isinstance(error, KeyboardInterrupt):
-            raise KeyboardInterrupt(f"what was recorded until then is in {path}") from None
+            left = f"what was recorded until then is in {path}" if files else f"nothing was recorded yet, see {path}"
+            stands = "" if task is None else task.body.standstill()
+            raise KeyboardInterrupt(f"{stands}; {left}" if stands else left) from None
         raise
     finally:
         if task is not None:

@@ -38,9 +38,10 @@ class SafetyState(StrEnum):
 class Latch:
     """A file that says why a body must not move before somebody has looked at it; without the file, it may."""
 
-    def __init__(self, path: Path) -> None:
-        """Keep the latch at ``path``."""
+    def __init__(self, path: Path, reset: str | None = None) -> None:
+        """Keep the latch at ``path``; ``reset`` is what to type to remove it, if there is such a command."""
         self.path = path
+        self._cure = f"remove {path}" if reset is None else f"`{reset}`"
 
     def set(self, trip: Trip) -> None:
         """Write down why; the first reason stays. A NeuroroboError if it cannot be written."""
@@ -57,6 +58,15 @@ class Latch:
             return None
         except (OSError, ValueError, KeyError, TypeError) as error:
             return f"{self.path} cannot be read ({error})"
+
+    def refusal(self) -> str | None:
+        """Return why it is set, and what to do about that, or None."""
+        reason = self.reason()
+        return None if reason is None else self.refusal_of(reason)
+
+    def refusal_of(self, reason: str) -> str:
+        """Return what to tell of a reason that is about to be written, or was."""
+        return f"it is latched: {reason}; look at it, see that it is free to move, then {self._cure}"
 
     def clear(self) -> None:
         """Allow motion again: for a person who has looked at the body, never for a program."""
@@ -90,12 +100,9 @@ class SafetyMachine:
 
     def arm(self) -> None:
         """Allow a disarmed body to run; a SafetyError for one that is latched, stopped or armed already."""
-        if (reason := self.latch.reason()) is not None:
+        if (refusal := self.latch.refusal()) is not None:
             self._state = SafetyState.LATCHED
-            raise SafetyError(
-                f"it is latched: {reason}; look at it, see that it is free to move, then remove the latch "
-                f"(`neurorobo rig reset`, or {self.latch.path})"
-            )
+            raise SafetyError(refusal)
         self._change(SafetyState.ARMED, SafetyState.DISARMED)
 
     def run(self) -> None:

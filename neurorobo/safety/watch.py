@@ -137,7 +137,7 @@ class SafetyWatch:
                 self._note(self.sent_ms, name)
                 stands = not mover.is_moving()
             except Exception as error:  # whatever fails, the others have to be waited for
-                fault = str(error) if isinstance(error, NeuroroboError) else repr(error)
+                fault = str(error).removeprefix(f"{name}: ") if isinstance(error, NeuroroboError) else repr(error)
                 time.sleep(0.01)
         if stands:
             self._note(self.stood_ms, name)

@@ -134,14 +134,36 @@ def test_more_episodes_than_fit_in_a_batch_follow_in_another(tmp_path: Path, mon
 def test_a_run_that_breaks_off_says_so_and_keeps_what_was_recorded(
     tmp_path: Path, recorder: str, error: type[BaseException], status: str
 ) -> None:
-    with pytest.raises(error):
+    with pytest.raises(error) as raised:
         run(tmp_path, record=["trajectory", recorder])
+    if error is KeyboardInterrupt:
+        assert str(raised.value) == f"what was recorded until then is in {tmp_path / 'out'}"
     folder = RunFolder(tmp_path / "out")
     assert folder.run()["status"] == status
     assert folder.run()["ended"]
     assert set(table(tmp_path)["tick"].to_pylist()) == {0, 1, 2}
     with pytest.raises(NeuroroboError, match=r"has no summary.json: it is not the folder of a finished run"):
         folder.summary()
+
+
+def test_an_interrupted_run_says_how_its_body_stands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("neurorobo.bodies.body.Body.standstill", lambda _: "all axes stand")
+    with pytest.raises(KeyboardInterrupt, match="all axes stand; what was recorded until then is in "):
+        run(tmp_path, record=["trajectory", "toy.impatient"])
+
+
+def test_a_body_that_fails_as_it_is_let_go_of_fails_the_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    calls = iter([NeuroroboError("it does not stand"), None])
+
+    def close(_: object) -> None:
+        if (error := next(calls)) is not None:
+            raise error
+
+    monkeypatch.setattr("neurorobo.bodies.body.Body.close", close)
+    with pytest.raises(NeuroroboError, match="it does not stand"):
+        run(tmp_path)
+    left = RunFolder(tmp_path / "out").run()
+    assert (left["status"], left["error"]) == ("failed", "it does not stand")
 
 
 def test_a_folder_that_holds_a_run_is_not_written_over(tmp_path: Path) -> None:

@@ -13,7 +13,7 @@ from stage_hardware.rig.emulated_rig import EmulatedRig
 from stage_hardware.rig.rig_config import load_rig
 
 from neurorobo.config.experiment import load_experiment
-from neurorobo.errors import NeuroroboError
+from neurorobo.errors import ConfigError, NeuroroboError
 from neurorobo.experiment.build import build_task
 from neurorobo.safety.machine import SafetyError
 
@@ -90,6 +90,20 @@ def test_a_fault_of_the_rig_file_has_its_place_there(tmp_path: Path) -> None:
     rig.write_text("neurorobo_rig: 1\nname: bench\ncontroler: {}\n")
     with pytest.raises(NeuroroboError, match=r"rig\.yaml:3:1: .*`controler`; did you mean `controllers`"):
         build_task(load_experiment(EXAMPLES / "peg_in_hole_hardware.yaml", [f"body.rig={rig}"]))
+
+
+@pytest.mark.parametrize(
+    ("override", "place", "fault"),
+    [
+        ("rig=nowhere.yaml", "rig", "nowhere.yaml: there is no such file; that of a virtual rig is there while"),
+        ("safety.force.stopp=1 N", "safety.force.stopp", "unknown key `stopp`; did you mean `stop`?"),
+        ("safety.force.latch=3", "safety.force.latch", "3 needs a unit, that of the sensor or one like it, e.g. '3 N'"),
+    ],
+)
+def test_a_fault_of_the_body_is_told_where_it_is(override: str, place: str, fault: str) -> None:
+    with pytest.raises(ConfigError) as refused:
+        build_task(load_experiment(EXAMPLES / "peg_in_hole_hardware.yaml", [f"body.{override}"]))
+    assert str(refused.value).startswith(f"--set body.{override}: body.{place}: {fault}")
 
 
 def test_nothing_moves_without_leave() -> None:

@@ -105,11 +105,17 @@ def registry() -> Registry:
 
 
 def rig(*stages: str, **more: Any) -> dict[str, Any]:
-    """Return the content of a rig file."""
-    controllers = {f"controller_{number}": STAGES[name] for number, name in enumerate(stages)}
-    return copy.deepcopy(
-        {"neurorobo_rig": 1, "name": "bench", "controllers": controllers, "force_sensor": SENSOR, **more}
-    )
+    """Return the content of a rig file, each controller at a port of its own."""
+    controllers = copy.deepcopy({f"controller_{number}": STAGES[name] for number, name in enumerate(stages)})
+    for number, stage in enumerate(controllers.values()):
+        if "port" in stage:
+            stage["port"] = f"{stage['port'][:-1]}{number}"
+    return {
+        "neurorobo_rig": 1,
+        "name": "bench",
+        "controllers": controllers,
+        **copy.deepcopy({"force_sensor": SENSOR, **more}),
+    }
 
 
 def written(folder: Path, content: Any) -> Path:

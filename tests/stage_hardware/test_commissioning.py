@@ -85,17 +85,21 @@ def test_a_rig_is_commissioned_step_by_step(tmp_path: Path, emulated: EmulatedRi
     assert body["rig"] == str(tmp_path / "rig.calibrated.yaml")
     assert (body["axial"], body["axial_force"], body["gap"]) == ("x", "Fy", "100 um")
     assert set(body["safety"]["force"]) == {"stop", "latch", "rate", "age"}
+    assert (body["elevator_resolution"], body["overrun"]) == ("0.01 um", "stop")
 
 
 def test_each_step_needs_the_one_before_of_the_same_rig_file(tmp_path: Path, emulated: EmulatedRig) -> None:
     before = emulated.positions()
     assert "needs `neurorobo rig check" in refused(tmp_path, "home", *LIMIT)
     call(tmp_path, "check")
-    assert "needs `neurorobo rig home" in refused(tmp_path, "identify")
-    assert "needs `neurorobo rig identify" in refused(tmp_path, "calibrate", *TOUCH, *LIMIT)
     path = tmp_path / "rig.yaml"
+    for arguments in (["identify"], ["calibrate", *TOUCH, *LIMIT]):
+        told = refused(tmp_path, *arguments)
+        assert f"needs `neurorobo rig home {path} --limit 0.5N` first; that was not done yet" in told
     path.write_text(path.read_text().replace("name: bench", "name: another"))
-    assert "has changed since" in refused(tmp_path, "home", *LIMIT)
+    for arguments in (["home", *LIMIT], ["identify"]):
+        told = refused(tmp_path, *arguments)
+        assert f"needs `neurorobo rig check {path}` first; the rig file has changed since" in told
     assert emulated.positions() == before
 
 
@@ -211,8 +215,10 @@ def test_contacts_that_scatter_are_no_start(
 def test_a_latched_rig_stays_so_until_a_person_resets_it(tmp_path: Path, emulated: EmulatedRig) -> None:
     call(tmp_path, "check")
     Latch(tmp_path / "bench.latch.json").set(Trip("force", "9 N, of 3 N allowed", "look at it", "latch"))
-    assert "9 N, of 3 N allowed" in call(tmp_path, "check").output
-    assert "neurorobo rig reset" in refused(tmp_path, "home", *LIMIT)
+    told = call(tmp_path, "check").output
+    assert "it is latched: force: 9 N, of 3 N allowed" in told
+    assert told.endswith(f"next: neurorobo rig reset {tmp_path / 'rig.yaml'}\n")
+    assert f"then `neurorobo rig reset {tmp_path / 'rig.yaml'}`" in refused(tmp_path, "home", *LIMIT)
     assert "stays latched" in call(tmp_path, "reset", typed="n\n").output
     refused(tmp_path, "home", *LIMIT)
     assert "nobody to answer" in refused(tmp_path, "reset", typed="")
@@ -306,6 +312,17 @@ def test_a_rig_that_cannot_be_stopped_at_ctrl_c_is_told_of(tmp_path: Path) -> No
             emulated.controllers["controller_0"].emulator.unplugged = True
             raise KeyboardInterrupt
     assert "cut its power: controller_0: " in said[-1]
+    assert "controller_0: controller_0" not in said[-1]
+
+
+def test_a_rig_that_was_stopped_by_ctrl_c_is_said_to_stand(tmp_path: Path, emulated: EmulatedRig) -> None:
+    call(tmp_path, "check")
+    commissioning = Commissioning(tmp_path / "rig.yaml", registry())
+    said: list[str] = []
+    dialogue = Dialogue(said.append, lambda _: True, lambda _: "")
+    with pytest.raises(KeyboardInterrupt), Moves(commissioning, dialogue, 500.0):
+        raise KeyboardInterrupt
+    assert said[-1].startswith("all axes were sent a stop within ")
 
 
 def test_a_latch_holds_for_every_file_of_the_rig(tmp_path: Path, emulated: EmulatedRig) -> None:
@@ -313,5 +330,5 @@ def test_a_latch_holds_for_every_file_of_the_rig(tmp_path: Path, emulated: Emula
     call(tmp_path, "check")
     calibrated = tmp_path / "rig.calibrated.yaml"
     calibrated.write_text((tmp_path / "rig.yaml").read_text())
-    Latch(Commissioning(calibrated, registry()).latch).set(Trip("force", "9 N, of 3 N allowed", "look at it", "latch"))
+    Commissioning(calibrated, registry()).latch.set(Trip("force", "9 N, of 3 N allowed", "look at it", "latch"))
     assert "it is latched" in refused(tmp_path, "home", *LIMIT)

@@ -1,7 +1,6 @@
 """``neurorobo emulate`` as a user calls it."""
 
 import os
-import re
 import signal
 import subprocess
 import sys
@@ -12,11 +11,13 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner, Result
+from stage_hardware.emulators.faults import Faults, RdtFaults, WireFaults
 from stage_hardware.errors import ReplyTimeoutError
 from stage_hardware.rig.emulate_command import emulate
 from stage_hardware.rig.rig_config import load_rig
 
 from neurorobo.errors import NeuroroboError
+from neurorobo.safety.guard import Trip
 from tests.stage_hardware.rigs import EXAMPLES, STAGES, WALL, registry, rig, until, written
 
 SECONDS = 60.0
@@ -87,13 +88,26 @@ def test_a_rig_is_driven_from_another_process_until_ctrl_c(tmp_path: Path) -> No
 def test_what_is_printed_to_be_typed_next_works(tmp_path: Path) -> None:
     with running(tmp_path, str(EXAMPLES / "shot_ds102.yaml")) as (process, lines):
         wait_for(lines, "Ctrl-C ends it", process)
-        found = re.search(r'python -c "(.*?)"', "".join(lines), re.DOTALL)
-        assert found
+        (printed,) = (line for line in lines if line.startswith("neurorobo rig check "))
         environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
-        typed = [sys.executable, "-c", found[1]]
+        typed = [sys.executable, "-m", "neurorobo.cli.main", *printed.split()[1:]]
         told = subprocess.run(typed, cwd=tmp_path, env=environment, text=True, capture_output=True, timeout=SECONDS)
         assert (told.returncode, told.stderr) == (0, "")
-        assert "AxisState" in told.stdout
+        assert "next: neurorobo rig home runs/emulated/shot_ds102.yaml --limit" in told.stdout
+
+
+def test_a_latch_from_before_is_told(tmp_path: Path) -> None:
+    path, out = written(tmp_path, rig("pi_gcs", emulate=WALL)), tmp_path / "emulated.yaml"
+    latch = load_rig(path, registry()).latch(out)
+    latch.set(Trip("force", "9 N, of 3 N allowed", "look at it", "latch"))
+    told = called(str(path), "--for", "10 ms", "--out", str(out)).output
+    assert "it is latched: force: 9 N" in told and f"then `neurorobo rig reset {out}`" in told
+
+
+@pytest.mark.parametrize("faults", [WireFaults, RdtFaults])
+def test_the_page_tells_every_fault(faults: type[Faults]) -> None:
+    page = (EXAMPLES.parents[1] / "docs" / "how_to" / "run_on_hardware.md").read_text(encoding="utf-8")
+    assert [name for name in vars(faults()) if f"`{name}=" not in page] == []
 
 
 def test_it_ends_by_itself_after_a_while(tmp_path: Path) -> None:
@@ -130,6 +144,7 @@ def test_a_fault_is_there_from_the_start(tmp_path: Path, monkeypatch: pytest.Mon
         (["--fault", "elevator"], "--fault elevator: must be DEVICE.FAULT=VALUE, such as force_sensor.drop=10"),
         (["--fault", "elevator.deaf=true"], "there is no device `elevator`; there are: controller_0, force_sensor"),
         (["--fault", "controller_0.deef=true"], "`controller_0` has no fault `deef`; did you mean `deaf`?"),
+        (["--fault", "controller_0.=1"], "no fault ``; there are: no_reply, late_reply, "),
         (["--fault", "controller_0.deaf=1"], "the value must be true or false"),
         (["--fault", "force_sensor.drop=some"], "the value must be a whole number"),
     ],

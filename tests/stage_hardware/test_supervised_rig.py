@@ -129,7 +129,13 @@ def test_it_homes_goes_to_the_start_and_keeps_pace(bench: Bench) -> None:
     assert bench.depth_um == pytest.approx(50.0)
     rig.halt()
     assert bench.machine.state is SafetyState.ARMED
-    assert rig.timing()["stop_sent_after_ms"] is None
+    timing = rig.timing()
+    assert timing["tripped_ns"] is None
+    assert 0 <= timing["stop_sent_after_ms"] <= min(timing["stood_ms"].values())
+    assert timing["sent_ms"].keys() == timing["stood_ms"].keys() == {"elevator", "table"}
+    assert rig.standstill().startswith("all axes were sent a stop within ")
+    rig.begin()
+    assert rig.standstill() == ""
 
 
 def test_a_rig_that_was_not_armed_does_not_even_connect(bench: Bench) -> None:
@@ -357,7 +363,7 @@ def test_a_load_that_passes_the_latch_after_the_stop_is_not_drawn_back_and_blame
     told = stopped(bench, waits)
     assert "of 100 mN allowed" in told and "all axes were stopped and stand" in told
     assert "drawn back" not in told and "cut its power" not in told
-    assert "is latched (force" in told and "of 300 mN allowed" in told
+    assert "is latched: force" in told and "of 300 mN allowed" in told
 
 
 @pytest.mark.parametrize("begins", ["move_to", "home"])

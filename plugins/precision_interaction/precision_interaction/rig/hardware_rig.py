@@ -18,7 +18,7 @@ from stage_hardware.rig.rig_config import RigConfig, load_rig
 from stage_hardware.rig.supervised_rig import ForceWatch, SupervisedRig
 
 from neurorobo.bodies.body import Array
-from neurorobo.errors import ConfigError, NeuroroboError
+from neurorobo.errors import ConfigError, Fault, NeuroroboError
 from neurorobo.safety.machine import Latch, SafetyError, SafetyMachine
 from precision_interaction.rig.hardware_rig_config import HardwareRigConfig
 from precision_interaction.rig.insertion_body import InsertionBody
@@ -41,10 +41,10 @@ class HardwareRig(InsertionBody):
         super().__init__(config)
         try:
             self._rig_config = load_rig(config.rig)
-        except ConfigError as error:  # whose places are in the file of the rig, not in that of the body
-            raise NeuroroboError(str(error)) from None
+        except NeuroroboError as error:  # whose places are in the file of the rig, not in that of the body
+            raise ConfigError([Fault(("rig",), str(error))]) from None
         self._check(self._rig_config)
-        self._machine = SafetyMachine(Latch(self._rig_config.latch_file(Path(config.rig))))
+        self._machine = SafetyMachine(self._rig_config.latch(Path(config.rig)))
         self._supervised: SupervisedRig | None = None
         self._rehearsal = ExitStack()
         self._axial_force_mN, self._paced = 0.0, False
@@ -98,6 +98,10 @@ class HardwareRig(InsertionBody):
         super().stop()
         if self._supervised is not None:
             self._supervised.halt()
+
+    def standstill(self) -> str:
+        """Say that all axes stand, and how soon they did."""
+        return "" if self._supervised is None else self._supervised.standstill()
 
     def close(self) -> None:
         """Withdraw the peg, if that is wanted and nothing is wrong, and let go of the rig."""

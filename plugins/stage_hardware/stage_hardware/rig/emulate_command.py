@@ -36,7 +36,7 @@ LOOKS_EVERY_S = 0.1
     "faults",
     multiple=True,
     metavar="DEVICE.FAULT=VALUE",
-    help="Let a device fail from the start: elevator.no_reply=1, force_sensor.drop=10. Any number of times.",
+    help="Let a device fail from the start: elevator.no_reply=1 (the next reply), radial.deaf=true. May be repeated.",
 )
 def emulate(rig: Path, out: Path | None, how_long: str | None, faults: Sequence[str]) -> None:
     """Bring up the devices of RIG, a rig file, as emulators: on pseudo-terminals, or TCP ports where there are none.
@@ -105,10 +105,11 @@ def _tell(config: "RigConfig", out: Path, ends_after_s: float | None) -> None:
     felt = "nothing: there is no `emulate: physics:`" if config.emulate is None else config.emulate.physics.type
     click.echo(f"the sensor feels {felt}")
     click.echo(f"rig file: {out}")
-    click.echo("next, in another terminal:")
-    click.echo('python -c "\nfrom stage_hardware.rig.rig_config import load_rig')
-    click.echo(f"with load_rig({str(out)!r}).build() as rig:")
-    click.echo('    print(rig.state(), rig.sensor.latest())"')
+    if (refusal := config.latch(out).refusal()) is not None:
+        click.echo(refusal)
+    click.echo("next, in another terminal, such as:")
+    click.echo(f"neurorobo rig check {out}")
+    click.echo(f"neurorobo run EXPERIMENT --set body.rig={out} --arm")
     click.echo("Ctrl-C ends it" if ends_after_s is None else f"it ends after {ends_after_s:g} s, or at Ctrl-C")
 
 
@@ -146,7 +147,8 @@ def _switch(emulated: "EmulatedRig", text: str) -> None:
         raise NeuroroboError(f"--fault {text}: there is no device `{device}`{did_you_mean(device, devices)}")
     switches = vars(devices[device])
     if name not in switches:
-        raise NeuroroboError(f"--fault {text}: `{device}` has no fault `{name}`{did_you_mean(name, switches)}")
+        near = did_you_mean(name, switches) if name else f"; there are: {', '.join(switches)}"
+        raise NeuroroboError(f"--fault {text}: `{device}` has no fault `{name}`{near}")
     read: dict[type, tuple[Callable[[str], Any], str]] = {
         bool: ({"true": True, "false": False}.__getitem__, "true or false"),
         int: (int, "a whole number"),

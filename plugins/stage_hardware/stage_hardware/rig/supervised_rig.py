@@ -146,10 +146,13 @@ class SupervisedRig:
         self._is_open = self._was_reported = False
         self._while_open = ExitStack()
         self._is_setting_out = False
+        self._sent_ms: dict[str, float] = {}  # from the beginning of the last halt until each was sent its stop
+        self._stood_ms: dict[str, float] = {}
 
     def begin(self) -> None:
         """Connect, if that was not done, and watch from now on; a SafetyError for a rig that may not move."""
         self._alive_until_ns = None  # no period is under way
+        self._sent_ms, self._stood_ms = {}, {}
         if self.machine.state is not SafetyState.RUNNING:
             self.machine.run()
         if self._is_open:
@@ -185,10 +188,11 @@ class SupervisedRig:
             raise self._stopped()
         if not self._is_open or self.machine.state is not SafetyState.RUNNING:
             return
-        trips = []
+        trips, began_ns = [], time.monotonic_ns()
         for name, stage in self.rig.stages.items():
             try:
                 stage.stop()
+                self._sent_ms[name] = (time.monotonic_ns() - began_ns) / 1e6
             except Exception as error:  # whatever fails, the others have to be stopped
                 cure = "see to it before the next run"
                 trips.append(_trip_of(error) if isinstance(error, HardwareError) else Trip(name, repr(error), cure))
@@ -196,7 +200,15 @@ class SupervisedRig:
             self.watch.trip(trips[0])
             raise self._stopped()
         self._call(lambda: self.rig.wait_until_at_rest(2.0))
+        self._stood_ms = dict.fromkeys(self.rig.stages, (time.monotonic_ns() - began_ns) / 1e6)
         self.machine.rest()
+
+    def standstill(self) -> str:
+        """Say that all axes stand since the last :meth:`halt`, and how soon they did; nothing if that is not known."""
+        if not self._stood_ms:
+            return ""
+        sent_ms, stood_ms = max(self._sent_ms.values()), max(self._stood_ms.values())
+        return f"all axes were sent a stop within {sent_ms:.0f} ms, and were seen to stand after {stood_ms:.0f} ms"
 
     def home(self, order: Sequence[Sequence[str]], *, again: bool = False) -> None:
         """Home the axes that do not know where they are, or with ``again`` all, group by group."""
@@ -338,16 +350,21 @@ class SupervisedRig:
             watch.forget()
 
     def timing(self) -> dict[str, Any]:
-        """Return what became of the deadlines, ready for JSON."""
+        """Return what became of the deadlines, and when the last stop was sent and seen to be obeyed, ready for JSON.
+
+        Times of a stop are ms from the trip (``tripped_ns``), without one from the end of the episode or Ctrl-C.
+        """
+        has_tripped = self.watch.tripped_ns is not None
+        sent_ms = self.watch.sent_ms if has_tripped else self._sent_ms
         return {
             "overruns": self.pacer.overruns,
             "late": [{"deadline_ns": due_ns, "late_ms": late_ns / 1e6} for due_ns, late_ns in self.pacer.late],
             "skipped": self.pacer.skipped,
             "readings_lost": self.rig.sensor.latest().lost,
             "tripped_ns": self.watch.tripped_ns,
-            "stop_sent_after_ms": self.watch.reaction_ms,
-            "sent_ms": self.watch.sent_ms,
-            "stood_ms": self.watch.stood_ms,
+            "stop_sent_after_ms": max(sent_ms.values()) if sent_ms.keys() == self.rig.stages.keys() else None,
+            "sent_ms": sent_ms,
+            "stood_ms": self.watch.stood_ms if has_tripped else self._stood_ms,
         }
 
     def wait_until_at_rest(self, within_s: float) -> dict[str, AxisState]:
@@ -493,8 +510,8 @@ class SupervisedRig:
             if trip.reaction == "retract" and self.machine.state is not SafetyState.LATCHED:
                 words.append(self._retract())
         if self.machine.state is SafetyState.LATCHED:
-            reason = self.machine.latch.reason() or trip
-            words.append(f"the rig is latched ({reason}): look at it, then remove {self.machine.latch.path}")
+            latch = self.machine.latch
+            words.append(latch.refusal() or latch.refusal_of(f"{trip.place}: {trip.fault}"))
         if self.machine.latch_fault is not None:
             words.append(f"the latch holds for this run only: {self.machine.latch_fault}")
         return SafetyError("\n".join(words), trip)

@@ -65,7 +65,11 @@ def calibrate(
             "contact; find out what gives way, take smaller steps (`--step`), or stay further away (`--clearance`)"
         )
     begins_um = {**here_um, touch.axis: fmean(touches_um) - clearance_um}
-    start_um = {axis: config.frames[axis].to_axis(position) for axis, position in begins_um.items()}
+    start_um = {
+        key: axis.nearest_step(axis.frame.to_axis(begins_um[key]))
+        for controller in config.controllers.values()
+        for key, axis in controller.axes.items()
+    }
     commissioning.record.calibrate = Calibrate(start_um=start_um, touches_um=touches_um)
     commissioning.save()
     calibrated = _starting_at(config, start_um, out)
@@ -76,7 +80,7 @@ def calibrate(
     if "radial" not in body:
         dialogue.say(
             f"`radial`, `force` and `force_signs` are left out: it is not known which components follow two axes "
-            f"beside {touch.axis}; see `neurorobo rig identify --touch {touch.axis}`"
+            f"beside {touch.axis}; see `{commissioning.command('identify', touch.axis)}`"
         )
 
 
@@ -109,7 +113,7 @@ def _starting_at(config: RigConfig, start_um: Mapping[str, float], out: Path) ->
                     f"{out}: not written, as {key} would start at {start_um[key]:g} um, beyond its travel of "
                     f"{axis.travel.lo:g}..{axis.travel.hi:g} um; choose a smaller `--clearance`"
                 )
-            axes[key] = axis.model_copy(update={"start": round(start_um[key], 3)})
+            axes[key] = axis.model_copy(update={"start": start_um[key]})
         controllers[name] = controller.model_copy(update={"axes": axes})
     return config.model_copy(update={"controllers": controllers}).dump()
 
@@ -120,11 +124,18 @@ def _body(commissioning: Commissioning, out: Path, limit_mN: float, axial: str, 
     assert record.identify is not None
     assert record.check is not None
     found = record.identify
-    radial = [axis for axis in commissioning.config.frames if axis in found.responses and axis != axial]
-    body: dict[str, Any] = {"rig": str(out), "gap": format_quantity(clearance_um, "um"), "axial": axial}
+    axes = {name: axis for one in commissioning.config.controllers.values() for name, axis in one.axes.items()}
+    radial = [axis for axis in axes if axis in found.responses and axis != axial]
+    body: dict[str, Any] = {
+        "rig": str(out),
+        "gap": format_quantity(clearance_um, "um"),
+        "elevator_resolution": format_quantity(axes[axial].resolution, "um"),
+        "axial": axial,
+    }
     if len(radial) == 2:
         body |= {
             "radial": radial,
+            "stage_resolution": format_quantity(max(axes[axis].resolution for axis in radial), "um"),
             "force": [found.responses[axis].component for axis in radial],
             "force_signs": [-1 if found.responses[axis].stiffness_mN_um > 0 else 1 for axis in radial],
         }
@@ -138,6 +149,7 @@ def _body(commissioning: Commissioning, out: Path, limit_mN: float, axial: str, 
         "following_error": format_quantity(_following_error_um(commissioning, found), "um"),
         "free_force": format_quantity(round(free_mN, 3), "mN"),
         "safety": {"force": safety},
+        "overrun": "stop",
     }
     return body
 

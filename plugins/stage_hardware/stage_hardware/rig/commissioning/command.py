@@ -36,9 +36,9 @@ def check(rig: Path) -> None:
 
     commissioning, dialogue = _opened(rig, yes=False)
     look(commissioning, dialogue)
-    if (reason := _latched(commissioning)) is not None:
-        click.echo(f"it is latched: {reason}; look at it, then `neurorobo rig reset {rig}`")
-    _tell(commissioning, f"neurorobo rig home {rig} --limit 0.5N")
+    if (refusal := commissioning.latch.refusal()) is not None:
+        click.echo(refusal)
+    _tell(commissioning, commissioning.command("home" if refusal is None else "reset"))
 
 
 @rig.command()
@@ -53,7 +53,7 @@ def home(rig: Path, limit: str, axes: Sequence[str], yes: bool) -> None:
     commissioning, dialogue = _opened(rig, yes=yes)
     limit_mN = _quantity("--limit", limit, "mN")
     look_for_origins(commissioning, dialogue, axes, limit_mN)
-    _tell(commissioning, f"neurorobo rig identify {rig} --touch AXIS")
+    _tell(commissioning, commissioning.command("identify"))
 
 
 def _touching(command: Command) -> Command:
@@ -107,7 +107,7 @@ def identify(
         amplitude_um=_quantity("--amplitude", amplitude, "um"),
         times=times,
     )
-    _tell(commissioning, f"neurorobo rig calibrate {rig} --touch {touch or 'AXIS'}")
+    _tell(commissioning, commissioning.command("calibrate", touch or "AXIS"))
 
 
 @rig.command()
@@ -159,17 +159,15 @@ def calibrate(
 def reset(rig: Path) -> None:
     """Let RIG move again after a load that has latched it: only when somebody has looked at it."""
     commissioning, dialogue = _opened(rig, yes=False, otherwise="call it from a terminal, when you have looked at it")
-    if (reason := _latched(commissioning)) is None:
+    if (reason := commissioning.latch.reason()) is None:
         click.echo(f"{rig} is not latched")
         return
     click.echo(f"it is latched: {reason}")
     if not dialogue.agrees("did you look at it, and is it free to move?"):
         click.echo("it stays latched")
         return
-    from neurorobo.safety.machine import Latch
-
-    Latch(commissioning.latch).clear()
-    click.echo(f"{commissioning.latch} is removed; its axes may have to be homed")
+    commissioning.latch.clear()
+    click.echo(f"{commissioning.latch.path} is removed; its axes may have to be homed")
 
 
 def _opened(
@@ -193,12 +191,6 @@ def _opened(
         return "" if yes else str(click.prompt(question, default="", show_default=False))
 
     return Commissioning(rig), Dialogue(click.echo, agrees, answer)
-
-
-def _latched(commissioning: "Commissioning") -> str | None:
-    from neurorobo.safety.machine import Latch
-
-    return Latch(commissioning.latch).reason()
 
 
 def _quantity(option: str, text: str, unit: str) -> float:

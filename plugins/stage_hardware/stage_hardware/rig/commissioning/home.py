@@ -46,9 +46,8 @@ def home_again(commissioning: Commissioning, moves: Moves) -> None:
     """
     commissioning.require("home")
     if missing := missing_axes(commissioning):
-        raise NeuroroboError(
-            f"{commissioning.path}: {', '.join(missing)} was not homed yet; go on with `neurorobo rig home`"
-        )
+        cure = f"go on with `{commissioning.command('home')}`"
+        raise NeuroroboError(f"{commissioning.path}: {', '.join(missing)} was not homed yet; {cure}")
     assert commissioning.record.home is not None
     known = moves.referenced()
     if lost := [axis for axis in commissioning.record.home.took_s if not known[axis]]:

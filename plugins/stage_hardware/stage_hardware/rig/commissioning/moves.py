@@ -11,7 +11,7 @@ import numpy as np
 
 from neurorobo.errors import NeuroroboError
 from neurorobo.safety.limits import Limits
-from neurorobo.safety.machine import Latch, SafetyError, SafetyMachine
+from neurorobo.safety.machine import SafetyError, SafetyMachine
 from stage_hardware.force_sensor import ForceReading
 from stage_hardware.rig.commissioning.dialogue import Dialogue
 from stage_hardware.rig.commissioning.record import Commissioning, FreeRun, Response
@@ -59,7 +59,7 @@ class Moves:
                 "`--limit`"
             )
         age_ns = round(commissioning.record.check.oldest_ms * 1e6)
-        self._machine = SafetyMachine(Latch(commissioning.latch))
+        self._machine = SafetyMachine(commissioning.latch)
         self._rig = SupervisedRig(
             rig,
             self._machine,
@@ -90,6 +90,8 @@ class Moves:
             if error is None:
                 raise
             self._dialogue.say(str(stopped))
+        if kind is KeyboardInterrupt and (stands := self._rig.standstill()):
+            self._dialogue.say(stands)
 
     def ask(self, question: str) -> None:
         """Rest, and raise a DeclinedError unless a person agrees to go on."""

@@ -18,6 +18,10 @@ from stage_hardware.rig.rig_config import FORCE_SENSOR, RigConfig, load_rig
 Figure = Annotated[float, BeforeValidator(lambda value: float(f"{value:.5g}") if isinstance(value, float) else value)]
 """A number that was measured: more than five digits of it mean nothing."""
 
+STEPS = ("check", "home", "identify", "calibrate")
+OPTIONS = {"home": "--limit 0.5N", "identify": "--touch {axis}", "calibrate": "--touch {axis}"}
+"""What has to be said to a step beside the rig file, in examples of commands."""
+
 OLDEST_MS, GAPS = 100.0, 20
 """The age of a reading that stops: so much at least, and so many of the longest gaps between two."""
 
@@ -107,7 +111,7 @@ class Commissioning:
     def __init__(self, path: Path, registry: Registry | None = None) -> None:
         """Read both; a record of another rig file, or of an earlier version of it, counts as none."""
         self.path, self.config = path, load_rig(path, registry)
-        self.file, self.latch = path.with_suffix(".commissioning.yaml"), self.config.latch_file(path)
+        self.file, self.latch = path.with_suffix(".commissioning.yaml"), self.config.latch(path)
         digest = _digest(self.config)
         found = _read(self.file) if self.file.exists() else None
         self.is_outdated = found is not None and found.rig != digest
@@ -118,11 +122,18 @@ class Commissioning:
         content = self.record.model_dump(mode="json", exclude_none=True)
         write_whole(self.file, document.dump(content).encode())
 
+    def command(self, step: str, axis: str = "AXIS") -> str:
+        """Return what to type for a step."""
+        return " ".join(["neurorobo rig", step, str(self.path), *OPTIONS.get(step, "").format(axis=axis).split()])
+
     def require(self, step: str) -> None:
-        """Refuse what needs a step that was not done."""
-        if getattr(self.record, step) is None:
-            why = "the rig file has changed since" if self.is_outdated else "that was not done yet"
-            raise NeuroroboError(f"{self.path}: this needs `neurorobo rig {step} {self.path}` first; {why}")
+        """Refuse what needs a step that was not done, and name the first of those before it."""
+        for needed in STEPS[: STEPS.index(step) + 1]:
+            if getattr(self.record, needed) is None:
+                why = (
+                    "the rig file has changed since its commissioning" if self.is_outdated else "that was not done yet"
+                )
+                raise NeuroroboError(f"{self.path}: this needs `{self.command(needed)}` first; {why}")
 
     @property
     def forces(self) -> dict[str, Component]:
