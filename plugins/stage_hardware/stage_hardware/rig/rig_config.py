@@ -25,7 +25,7 @@ from neurorobo.errors import Fault, NeuroroboError, did_you_mean
 from neurorobo.plugged_field import Plugged
 from neurorobo.plugins import Registry
 from neurorobo.safety.machine import Latch
-from stage_hardware.rig.device_config import DeviceConfig, ForceSensorConfig, StageConfig
+from stage_hardware.rig.device_config import AxisConfig, DeviceConfig, ForceSensorConfig, StageConfig
 from stage_hardware.rig.physics import PhysicsConfig
 from stage_hardware.rig.rig import Frame, Rig
 
@@ -106,9 +106,14 @@ class RigConfig(_Strict):
             raise  # there is no such error without a fault
 
     @property
+    def axes(self) -> dict[str, AxisConfig]:
+        """The axes of all controllers, whose names are their own."""
+        return {name: axis for stage in self.controllers.values() for name, axis in stage.axes.items()}
+
+    @property
     def frames(self) -> dict[str, Frame]:
         """How each axis counts in the rig."""
-        return {name: axis.frame for stage in self.controllers.values() for name, axis in stage.axes.items()}
+        return {name: axis.frame for name, axis in self.axes.items()}
 
     def latch(self, path: Path) -> Latch:
         """Return the latch of the rig that ``path`` describes; it is kept by name, as several files may do so."""

@@ -188,17 +188,18 @@ class SupervisedRig:
             raise self._stopped()
         if not self._is_open or self.machine.state is not SafetyState.RUNNING:
             return
-        trips, began_ns = [], time.monotonic_ns()
+        trips, sent_ms, began_ns = [], dict[str, float](), time.monotonic_ns()
         for name, stage in self.rig.stages.items():
             try:
                 stage.stop()
-                self._sent_ms[name] = (time.monotonic_ns() - began_ns) / 1e6
+                sent_ms[name] = (time.monotonic_ns() - began_ns) / 1e6
             except Exception as error:  # whatever fails, the others have to be stopped
                 cure = "see to it before the next run"
                 trips.append(_trip_of(error) if isinstance(error, HardwareError) else Trip(name, repr(error), cure))
         if trips:
             self.watch.trip(trips[0])
             raise self._stopped()
+        self._sent_ms = sent_ms
         self._call(lambda: self.rig.wait_until_at_rest(2.0))
         self._stood_ms = dict.fromkeys(self.rig.stages, (time.monotonic_ns() - began_ns) / 1e6)
         self.machine.rest()
@@ -355,15 +356,14 @@ class SupervisedRig:
         Times of a stop are ms from the trip (``tripped_ns``), without one from the end of the episode or Ctrl-C.
         """
         has_tripped = self.watch.tripped_ns is not None
-        sent_ms = self.watch.sent_ms if has_tripped else self._sent_ms
         return {
             "overruns": self.pacer.overruns,
             "late": [{"deadline_ns": due_ns, "late_ms": late_ns / 1e6} for due_ns, late_ns in self.pacer.late],
             "skipped": self.pacer.skipped,
             "readings_lost": self.rig.sensor.latest().lost,
             "tripped_ns": self.watch.tripped_ns,
-            "stop_sent_after_ms": max(sent_ms.values()) if sent_ms.keys() == self.rig.stages.keys() else None,
-            "sent_ms": sent_ms,
+            "stop_sent_after_ms": self.watch.reaction_ms if has_tripped else max(self._sent_ms.values(), default=None),
+            "sent_ms": self.watch.sent_ms if has_tripped else self._sent_ms,
             "stood_ms": self.watch.stood_ms if has_tripped else self._stood_ms,
         }
 

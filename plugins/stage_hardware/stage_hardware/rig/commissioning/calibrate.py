@@ -65,11 +65,7 @@ def calibrate(
             "contact; find out what gives way, take smaller steps (`--step`), or stay further away (`--clearance`)"
         )
     begins_um = {**here_um, touch.axis: fmean(touches_um) - clearance_um}
-    start_um = {
-        key: axis.nearest_step(axis.frame.to_axis(begins_um[key]))
-        for controller in config.controllers.values()
-        for key, axis in controller.axes.items()
-    }
+    start_um = {key: axis.nearest_step(axis.frame.to_axis(begins_um[key])) for key, axis in config.axes.items()}
     commissioning.record.calibrate = Calibrate(start_um=start_um, touches_um=touches_um)
     commissioning.save()
     calibrated = _starting_at(config, start_um, out)
@@ -124,7 +120,7 @@ def _body(commissioning: Commissioning, out: Path, limit_mN: float, axial: str, 
     assert record.identify is not None
     assert record.check is not None
     found = record.identify
-    axes = {name: axis for one in commissioning.config.controllers.values() for name, axis in one.axes.items()}
+    axes = commissioning.config.axes
     radial = [axis for axis in axes if axis in found.responses and axis != axial]
     body: dict[str, Any] = {
         "rig": str(out),
@@ -156,5 +152,5 @@ def _body(commissioning: Commissioning, out: Path, limit_mN: float, axial: str, 
 
 def _following_error_um(commissioning: Commissioning, found: Identify) -> float:
     """Return three times the largest distance that was seen; four steps, and 1 um, at least."""
-    axes = [axis for one in commissioning.config.controllers.values() for axis in one.axes.values()]
+    axes = commissioning.config.axes.values()
     return round(max(1.0, *(3 * run.off_um for run in found.axes.values()), *(4 * axis.resolution for axis in axes)), 3)

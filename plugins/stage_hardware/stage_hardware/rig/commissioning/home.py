@@ -64,8 +64,8 @@ def missing_axes(commissioning: Commissioning) -> list[str]:
 
 def chosen(commissioning: Commissioning, axes: Sequence[str]) -> list[str]:
     """Return ``axes``, or all axes of the rig; a NeuroroboError for one that is not there."""
-    there = [axis for controller in commissioning.config.controllers.values() for axis in controller.axes]
+    there = commissioning.config.axes
     for axis in axes:
         if axis not in there:
             raise NeuroroboError(f"{commissioning.path}: the rig has no axis `{axis}`{did_you_mean(axis, there)}")
-    return list(axes) or there
+    return list(axes or there)
